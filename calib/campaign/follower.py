@@ -83,7 +83,7 @@ class CampaignFollower:
         if before is not None and not searched and _is_alike(self._read, self._taken):
             return News(unknown=strange)
         self._taken = self._read
-        searches, _ = of_one_jig(self.searches, dataset.jig)
+        searches = of_one_jig(self.searches, dataset.jig).searches
         self.campaign, judged = with_arrivals(
             before or Campaign(dataset, unknown=unknown), self._read, searches, self.options
         )

@@ -8,11 +8,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.blas_threads import one_blas_thread
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
+from calib.corners.face_bows import FaceBows, with_common_bows
 from calib.corners.intersection import Corner
 from calib.corners.jig_angles import JigAngles, with_common_angles
 from calib.corners.refinement import RefinementOptions
@@ -37,13 +39,14 @@ class CornerBatch(dict[str, CornerSearch], Presented):
         dataset: Dataset,
         searches: Mapping[str, CornerSearch] = MappingProxyType({}),
         jig_angles: JigAngles | None = None,
+        face_bows: FaceBows | None = None,
     ) -> None:
         super().__init__(searches)
         self.dataset = dataset
-        self.jig_angles = jig_angles
+        self.jig_angles, self.face_bows = jig_angles, face_bows
 
-    def __reduce__(self) -> tuple[type[CornerBatch], tuple[Dataset, dict[str, CornerSearch], JigAngles | None]]:
-        return CornerBatch, (self.dataset, dict(self), self.jig_angles)
+    def __reduce__(self) -> tuple[type[CornerBatch], tuple[Any, ...]]:
+        return CornerBatch, (self.dataset, dict(self), self.jig_angles, self.face_bows)
 
     def to_frame(self) -> pd.DataFrame:
         """Table with a row for each scan: corner in the scanner's frame, its sigma, rms of the faces, failure.
@@ -135,14 +138,23 @@ def find_corners(
     return CornerBatch(dataset, *of_one_jig({pose_id: searches[pose] for pose, pose_id in enumerate(ids)}, dataset.jig))
 
 
-def of_one_jig(searches: Mapping[str, CornerSearch], jig: Jig) -> tuple[dict[str, CornerSearch], JigAngles | None]:
-    """Searches for the corner of one jig, with the angles between its faces that all scans tell, and these angles.
+class JigShape(NamedTuple):
+    """Searches of one jig's scans, with what all of them tell of its faces; None where they tell nothing."""
+
+    searches: dict[str, CornerSearch]
+    angles: JigAngles | None
+    bows: FaceBows | None
+
+
+def of_one_jig(searches: Mapping[str, CornerSearch], jig: Jig) -> JigShape:
+    """Searches for the corner of one jig, with the bows of its faces and the angles between them that all scans tell.
 
     Searches for several targets stay as they are.
     """
     corners = {name: s.corner for name, s in searches.items() if s.corner is not None and type(s) is CornerSearch}
-    held, angles = with_common_angles(corners, jig)
-    return {name: replace(s, corner=held.get(name, s.corner)) for name, s in searches.items()}, angles
+    bowed, bows = with_common_bows(corners)
+    held, angles = with_common_angles(bowed, jig)
+    return JigShape({name: replace(s, corner=held.get(name, s.corner)) for name, s in searches.items()}, angles, bows)
 
 
 def declared_noise(scanner: Scanner) -> DeclaredNoise:
@@ -178,15 +190,14 @@ def brief(search: CornerSearch) -> CornerSearch:
     """Corner search without its arrays of points: the corner, the counts and the reason stay."""
     none = np.zeros((0, 3))
     corner = search.corner
-    if corner is not None:
-        free = None if corner.free is None else _without_bits(corner.free)
-        corner = replace(_without_bits(corner), free=free)
+    corner = None if corner is None else _without_bits(corner)
     sets = SampleSets(np.zeros((0, 4, 3)), none, none, search.sets.rejected_by)
     return replace(search, voxel_points_mm=none, voxel_normals=none, sets=sets, corner=corner)
 
 
 def _without_bits(corner: Corner) -> Corner:
-    """Corner whose faces do not say which points are theirs."""
+    """Corner whose faces do not say which points are theirs, nor those of the corners that it was made from."""
     no_bits = np.zeros(0, dtype=np.uint8)
     one, two, three = (replace(face, inlier_bits=no_bits) for face in corner.faces)
-    return replace(corner, faces=(one, two, three))
+    free, flat = (None if made_from is None else _without_bits(made_from) for made_from in (corner.free, corner.flat))
+    return replace(corner, faces=(one, two, three), free=free, flat=flat)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, ByteArray, IndexArray
 from calib.brief import Brief
+from calib.corners.correlated_noise.bow import BowEvidence
+from calib.corners.faces.angles import turned_normals
 from calib.corners.quality import CornerQuality
 from calib.errors import CornerError
 from calib.jig import Outline
+from calib.planes.robust_fit import height_lever
 
 _LEAST_VOLUME = 1e-6  # of three unit normals: 1 at right angles, 0 where two planes are parallel
 
@@ -57,6 +60,8 @@ class Corner(Brief):
     quality: CornerQuality
     outline: Outline  # of the faces in this order
     free: Corner | None = None  # the same with its three planes fitted freely, where angles are held between them
+    bows: BowEvidence | None = None  # what the scan tells of bows of the faces
+    flat: Corner | None = None  # the same with its faces taken as flat, where all scans tell their bows
 
     def sigma_mm(self) -> float:
         """Standard deviation of the apex over all three axes: sqrt(trace of the covariance)."""
@@ -142,3 +147,26 @@ def intersection_covariance(normals: Array, height_covariance_mm2: Array) -> Arr
     """
     inverse = np.linalg.inv(normals)
     return np.asarray(inverse @ height_covariance_mm2 @ inverse.T)
+
+
+def moved_corner(corner: Corner, moves: Array, covariance: Array) -> Corner:
+    """Corner whose planes are moved by heights, mm, and slopes, rad (9,), and then have the covariance (9, 9)."""
+    normals = turned_normals(corner.faces, moves)
+    offsets = np.array([n @ f.centre_mm + h for n, f, h in zip(normals, corner.faces, moves[::3], strict=True)])
+    apex = intersect(normals, offsets)
+    one, two, three = (
+        replace(
+            face,
+            normal=normal,
+            offset_mm=float(offset),
+            centre_mm=face.centre_mm + height * normal,
+            axes=face.axes - np.outer(face.axes @ normal, normal),
+            covariance=covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3],
+        )
+        for i, (face, normal, offset, height) in enumerate(zip(corner.faces, normals, offsets, moves[::3], strict=True))
+    )
+    lever = height_lever((one, two, three), apex)
+    apex_mm2 = intersection_covariance(normals, lever @ covariance @ lever.T)
+    sharper = float(np.sqrt(np.trace(apex_mm2) / np.trace(corner.covariance_mm2)))
+    quality = replace(corner.quality, amplification=sharper * corner.quality.amplification)
+    return Corner(apex, apex_mm2, (one, two, three), covariance, quality, corner.outline)

@@ -33,9 +33,8 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.brief import Brief
 from calib.corners.faces.angles import MOST_MISFIT, angle_derivative, fitted_angles_deg, turned_normals
-from calib.corners.intersection import Corner, intersect, intersection_covariance
+from calib.corners.intersection import Corner, moved_corner
 from calib.jig import Jig, angles_between_deg
-from calib.planes.robust_fit import height_lever
 
 # That the jig has its angles. With 0.5 single scans of a jig 0.05 to 0.1 deg out of square, whose noise is as large,
 # had mean squared errors of 4.5 times their covariance.
@@ -179,25 +178,7 @@ def _with_angles(corner: Corner, angles_rad: Array, covariance_rad2: Array) -> C
         off = np.radians(angles_between_deg(turned_normals(corner.faces, moves))) - angles_rad
         moves = gain @ (derivative @ moves - off)
     covariance = covariance - gain @ derivative @ covariance + gain @ covariance_rad2 @ gain.T
-    normals = turned_normals(corner.faces, moves)
-    offsets = np.array([n @ f.centre_mm + h for n, f, h in zip(normals, corner.faces, moves[::3], strict=True)])
-    apex = intersect(normals, offsets)
-    one, two, three = (
-        replace(
-            face,
-            normal=normal,
-            offset_mm=float(offset),
-            centre_mm=face.centre_mm + height * normal,
-            axes=face.axes - np.outer(face.axes @ normal, normal),
-            covariance=covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3],
-        )
-        for i, (face, normal, offset, height) in enumerate(zip(corner.faces, normals, offsets, moves[::3], strict=True))
-    )
-    lever = height_lever((one, two, three), apex)
-    apex_mm2 = intersection_covariance(normals, lever @ covariance @ lever.T)
-    sharper = float(np.sqrt(np.trace(apex_mm2) / np.trace(corner.covariance_mm2)))
-    quality = replace(corner.quality, amplification=sharper * corner.quality.amplification)
-    return Corner(apex, apex_mm2, (one, two, three), covariance, quality, corner.outline, corner)
+    return replace(moved_corner(corner, moves, covariance), free=corner)
 
 
 def _by_planes(corner: Corner) -> Array:

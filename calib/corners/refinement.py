@@ -94,7 +94,7 @@ def refine(
     surroundings = flat_surroundings(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
-    known = plane_uncertainty(planes, jig, origin, surroundings, options.declared)
+    known = plane_uncertainty(planes, jig, origin, surroundings, options.declared, rectangular=outline.rectangular)
     planes = list(known.planes)
     require_faces(RefinedFaces(planes, known.covariance, local, origin, jig, outline))
     covariance = known.covariance
@@ -113,6 +113,7 @@ def refine(
         quality_figures(planes, known, origin, apex, jig, outline, margin_mm,
                         scan_sigma_mm and float(np.hypot(scan_sigma_mm, declared_mm)), declared_mm),
         outline,
+        bows=known.bows,
     )  # fmt: skip
     return with_common_angles({"": corner}, jig)[0][""]
 

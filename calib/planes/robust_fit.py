@@ -40,6 +40,10 @@ class PlaneFit:
         """Rows (K, 3) of (1, u, v): derivatives of the plane's height at each point by its height and two slopes."""
         return np.column_stack([np.ones(len(points_mm)), (points_mm - self.centre_mm) @ self.axes.T])
 
+    def with_heights(self) -> PlaneFit:
+        """The same with its points' heights in place of their pseudo-values, which far points of a bow pull less."""
+        return replace(self, psi_mm=self.points_mm @ self.normal - self.offset_mm, slope=1.0)
+
     def moved(self, move: Array) -> PlaneFit:
         """Plane moved by a height, mm, and two slopes, rad (3,), which keeps its points and their pseudo-values."""
         turned = self.normal - move[1:] @ self.axes

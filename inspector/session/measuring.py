@@ -44,7 +44,7 @@ def with_search(session: Session, pose: int) -> Session:
         finder_of(dataset),
         declared=declared_noise(dataset.scanner),
     )
-    searches, _ = of_one_jig({**session.searches, session.dataset.poses.ids[pose]: search}, dataset.jig)
+    searches = of_one_jig({**session.searches, session.dataset.poses.ids[pose]: search}, dataset.jig).searches
     if session.dataset.points is not None:
         return replace(session, searches=searches)
     return untested(replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=()))

@@ -45,6 +45,33 @@ class Patch:
 
 
 @dataclass(frozen=True)
+class BowedFace(Patch):
+    """A piece of the sphere through the face's apex and the other ends of its two edges.
+
+    It rises by `bow_mm` over the middle of the line between these ends, toward the scanner, or sinks below it.
+    """
+
+    bow_mm: float = 0.0
+
+    def hit(self, rays: NDArray) -> tuple[NDArray, NDArray]:
+        normal = np.cross(self.u, self.v)
+        normal *= -np.sign(normal @ self.origin) / np.linalg.norm(normal)
+        middle = self.origin + 0.5 * (self.u + self.v)  # of the circle through the three corners of a right triangle
+        square = 0.25 * float((self.u - self.v) @ (self.u - self.v))
+        centre = middle + 0.5 * (self.bow_mm - square / self.bow_mm) * normal
+        radius = 0.5 * (abs(self.bow_mm) + square / abs(self.bow_mm))
+        along = rays @ centre
+        with np.errstate(invalid="ignore"):
+            root = np.sqrt(along**2 - centre @ centre + radius**2)
+        t = along - np.sign(self.bow_mm) * root
+        p = rays * t[:, None] - self.origin
+        a, b = np.linalg.lstsq(np.stack([self.u, self.v]).T, p.T, rcond=None)[0]
+        inside = (a >= 0) & (b >= 0) & ((a + b <= 1) if self.shape == "triangle" else (a <= 1) & (b <= 1))
+        cosine = np.abs(np.sum((rays * t[:, None] - centre) * rays, axis=1)) / radius
+        return np.where(inside & (t > 0), t, np.inf), cosine
+
+
+@dataclass(frozen=True)
 class Cylinder:
     """A cylinder's side from `base` along the unit `axis`, `length` long."""
 
@@ -161,6 +188,7 @@ def make_scene(
     wave_kernel: str = "gaussian",
     uneven_mm: float = 0.0,
     wall_bent_mm: float = 0.0,
+    bows_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> SceneScan:
     """A scan of a jig some `distance_mm` away among flange, link, wall and table.
 
@@ -170,8 +198,8 @@ def make_scene(
     third face's area (a strip along one edge); `extras` are further patches in the scanner's frame; `fillet_mm` is the
     radius that rounds the jig's three edges and its apex. `waves_mm` adds an error along the ray that is smooth over
     `wave_length_mm` across the view, of the correlation `wave_kernel` (`smooth_fields.py`); `uneven_mm` is the same of
-    each of the jig's faces by itself, along its normal; the wall bulges by `wall_bent_mm` over the view. The bound does
-    not know of them.
+    each of the jig's faces by itself, along its normal; the wall bulges by `wall_bent_mm` over the view, and `bows_mm`
+    are the bows of the faces (`BowedFace`). The bound does not know of them.
     """
     if rotation is None:
         rotation = jig_rotation(rng.uniform(0, 22), rng.uniform(0, 360), rng.uniform(0, 120))
@@ -186,7 +214,8 @@ def make_scene(
     for i in range(3):
         u, v = edges[:, (i + 1) % 3], edges[:, (i + 2) % 3]
         shape = "parallelogram" if rectangular else "triangle"
-        pieces.append(Patch(apex, u, v * cut_face if i == 2 else v, shape))
+        v = v * cut_face if i == 2 else v
+        pieces.append(BowedFace(apex, u, v, shape, bows_mm[i]) if bows_mm[i] else Patch(apex, u, v, shape))
     normals = -np.linalg.inv(directions) if convex else np.linalg.inv(directions)
     if background:
         depth = 3 * edge_mm if rectangular else edge_mm

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.corners.correlated_noise.bow import BowEvidence, bow_columns, bow_evidence, quadratic, shows_bows
 from calib.corners.correlated_noise.declared import (
     MESH_NOTE,
     NOTHING_DECLARED,
@@ -39,7 +40,6 @@ from calib.corners.correlated_noise.likelihood import (
     LENGTHS,
     SHAPE_LENGTHS,
     SHAPES,
-    CorrelationEvidence,
     evidence_of,
     gaussian_kernels,
 )
@@ -76,6 +76,7 @@ class PlaneUncertainty:
     correlation_length_mm: float  # l of its correlation exp(-r^2 / 2 l^2) or exp(-r / l)
     shown_to_mm: float  # the longest such length of which this scan shows anything
     notes: tuple[str, ...]  # what the scan cannot show
+    bows: BowEvidence  # of the faces
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,12 @@ class _Faces:
             kernels[:, on[:, None], on] = gaussian_kernels(patches.face, lengths_mm)
         return kernels
 
+    def covariance(self, size_mm2: Array, declared_mm2: float, declared_length_mm: float, edge_mm: float) -> Array:
+        """(B, B) covariance of patch heights by white noise and errors of variances (2, S), see `patch_covariance`."""
+        forms = (self.along_sight, self.uneven)
+        correlated = patch_covariance(forms, size_mm2, declared_mm2, declared_length_mm, edge_mm)
+        return np.asarray(correlated + np.diag(self.variance_mm2))
+
     def moved(self, kernels: Array) -> Array:
         """(L, 9, 9) covariance of the planes by errors whose covariance over the patches is `kernels` (L, B, B)."""
         return np.asarray(self.influence.T @ kernels @ self.influence)
@@ -115,8 +122,12 @@ def plane_uncertainty(
     origin_mm: Array,
     surroundings: Sequence[PlaneFit] = (),
     declared: DeclaredNoise = NOTHING_DECLARED,
+    *,
+    rectangular: bool = False,
 ) -> PlaneUncertainty:
     """Joint covariance of three fitted planes under white and correlated noise.
+
+    The faces are triangles, or rectangles where `rectangular`.
 
     origin_mm  # (3,) of the coordinates of all planes, near the apex, in the scanner's frame; surroundings are flat
     surfaces around the jig, as in `flat_surroundings`.
@@ -128,15 +139,15 @@ def plane_uncertainty(
     sizes_mm = SIZES * max(plane.sigma_mm for plane in planes)
     kernels = faces.along_sight(LENGTHS * edge_mm), faces.uneven(LENGTHS * edge_mm)
     moved = np.array([faces.moved(kernel) for kernel in kernels])  # (2, L, 9, 9)
-    along, uneven = (_evidence_of_faces(faces, planes, jig, kernel, sizes_mm) for kernel in kernels)
-    likelihood = np.array([along.log_likelihood, uneven.log_likelihood])  # (2, S, W)
-    loss = np.array([along.expected_loss, uneven.expected_loss])
+    around, around_loss = np.zeros((2, 2, len(SHAPES), len(sizes_mm)))
     white = 0.0
     for patches in flat:
         waves, none, expected_loss = evidence_of_surroundings(patches, edge_mm, sizes_mm)
-        likelihood += np.array([waves, np.full_like(waves, none)])
-        loss[0] += expected_loss
+        around += np.array([waves, np.full_like(waves, none)])
+        around_loss[0] += expected_loss
         white += none
+    likelihood, loss = _evidence_of_faces(faces, planes, jig, kernels, sizes_mm)  # (2, S, W)
+    likelihood, loss = likelihood + around, loss + around_loss
     harm = (apex_variance_mm2(planes, moved) @ SHAPES.T)[:, :, None] * sizes_mm**2  # (2, S, W)
     harm /= apex_variance_mm2(planes, faces.white)
     on_face = SHAPE_LENGTHS < _LONGEST_ON_FACE
@@ -150,14 +161,24 @@ def plane_uncertainty(
         by_declared = declared.correlated_sigma_mm**2 * faces.moved(kernel)[0]
         declared_mm2 = declared.correlated_sigma_mm**2 * share_of_declared(planes, smooth, by_declared)
         smooth = smooth + declared_mm2 / declared.correlated_sigma_mm**2 * by_declared
+    columns = bow_columns(planes, faces.patches, jig.longest_mm, rectangular)
+    shown = shows_bows(faces.mean_mm, faces.variance_mm2, faces.design, columns)
     covariance, fitted = faces.white + smooth, tuple(planes)
+    moves = np.zeros(9)
     if posterior.found or declared_mm2 > 0:
         fine = _patches_of_faces(planes, view, edge_mm, *_FINE_PATCHES)
-        correlated = patch_covariance(
-            (fine.along_sight, fine.uneven), size_mm2, declared_mm2, declared.correlation_length_mm, edge_mm
-        )
-        moves, covariance = generalised_fit(fine.design, fine.mean_mm, correlated + np.diag(fine.variance_mm2))
+        of_patches = fine.covariance(size_mm2, declared_mm2, declared.correlation_length_mm, edge_mm)
+        moves, covariance = generalised_fit(fine.design, fine.mean_mm, of_patches)
         fitted = tuple(plane.moved(moves[3 * i : 3 * i + 3]) for i, plane in enumerate(planes))
+    of_less = posterior
+    if shown:  # as if the faces had any bow, so that what is left tells the scanner's error
+        free, free_loss = _evidence_of_faces(faces, planes, jig, kernels, sizes_mm, quadratic(columns))
+        of_less = posterior_variances(free + around, white, harm, free_loss + around_loss, _PRIOR, allowed, sizes_mm)
+    fine = _patches_of_faces([p.with_heights() for p in planes], view, edge_mm, *_FINE_PATCHES)
+    size_of_less = of_less.size_mm2 if of_less.found else np.zeros_like(size_mm2)
+    of_patches = fine.covariance(size_of_less, declared_mm2, declared.correlation_length_mm, edge_mm)
+    columns = bow_columns(planes, fine.patches, jig.longest_mm, rectangular)
+    bows = bow_evidence(planes, fine.mean_mm, fine.design, columns, of_patches, rectangular=rectangular, shown=shown)
     registration_mm, views_note = declared.registration_sigma_mm, tuple[str, ...]()
     if not registration_mm and (views := joined_views(planes, view)).overlap:
         registration_mm = views.registration_mm
@@ -165,16 +186,20 @@ def plane_uncertainty(
     elif not registration_mm and (cells_mm := cell_mm(planes)):
         registration_mm = _OF_MEANS * float(np.median([plane.sigma_mm for plane in planes]))
         views_note = (note_on_cells(cells_mm, registration_mm),)
-    covariance = covariance + registration_covariance(fitted, registration_mm)
+    of_registration = registration_covariance(fitted, registration_mm)
+    covariance = covariance + of_registration
+    bows = bows.from_planes(moves, of_registration)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
     # Of a length that the scan shows, a size that makes the apex twice less certain would be seen.
     at = np.argmin(np.abs(np.log(harm[0] / _DOUBLED)), axis=1)
-    shown = loss[0][np.arange(len(SHAPES)), at] > _SEEN
-    shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
+    seen = loss[0][np.arange(len(SHAPES)), at] > _SEEN
+    shown_mm = float(SHAPE_LENGTHS[seen].max(initial=0.0)) * edge_mm
     short = float(posterior.probability[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
     notes = ((MESH_NOTE,) if short else views_note) if declared == NOTHING_DECLARED else ()
-    return PlaneUncertainty(fitted, covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
+    return PlaneUncertainty(
+        fitted, covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes, bows
+    )
 
 
 def _patches_of_faces(
@@ -223,14 +248,22 @@ def _patches_of_faces(
 
 
 def _evidence_of_faces(
-    faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array
-) -> CorrelationEvidence:
-    """Evidence for correlated errors with kernels (L, B, B), from the faces' residuals and the angles between faces.
+    faces: _Faces,
+    planes: Sequence[PlaneFit],
+    jig: Jig,
+    kernels: Sequence[Array],
+    sizes_mm: Array,
+    free: Array | None = None,
+) -> tuple[Array, Array]:
+    """Log likelihood and expected loss (F, S, W) of correlated errors of F forms, each with kernels (L, B, B).
 
-    The angles between the faces are three more measurements of the planes, as exact as the jig was made; not so for a
-    certified jig, against which the planes are still to be tested.
+    From the faces' residuals, of which parts along `free` (B, K) tell nothing, and the angles between the faces. These
+    are three more measurements of the planes, as exact as the jig was made; not so for a certified jig, against which
+    the planes are still to be tested.
     """
     mean_mm, variance_mm2, design = faces.mean_mm, faces.variance_mm2, faces.design
+    if free is not None:
+        design = np.column_stack([design, free])
     if not jig.certified:
         normals = np.array([plane.normal for plane in planes])
         found_deg = np.array(fitted_angles_deg(planes))
@@ -241,6 +274,9 @@ def _evidence_of_faces(
         off = [normals[i] @ normals[j] + np.cos(np.radians(made_deg[row])) for row, (i, j) in enumerate(FACE_PAIRS)]
         mean_mm = np.concatenate([mean_mm, np.negative(off)])
         variance_mm2 = np.concatenate([variance_mm2, np.full(3, np.radians(slack_deg) ** 2)])
-        design = np.vstack([design, angle_derivative(planes)])
-        kernels = np.pad(kernels, ((0, 0), (0, 3), (0, 3)))
-    return evidence_of(mean_mm, variance_mm2, design, kernels, sizes_mm)
+        by_planes = np.zeros((3, design.shape[1]))
+        by_planes[:, :9] = angle_derivative(planes)
+        design = np.vstack([design, by_planes])
+        kernels = [np.pad(of_form, ((0, 0), (0, 3), (0, 3))) for of_form in kernels]
+    found = [evidence_of(mean_mm, variance_mm2, design, of_form, sizes_mm) for of_form in kernels]
+    return np.array([one.log_likelihood for one in found]), np.array([one.expected_loss for one in found])
