@@ -1,15 +1,15 @@
-"""Corners with the angles that all scans of a jig tell, beside free planes and two kinds of ICP to the CAD model.
+"""Corners with the angles and bows that all scans of a jig tell, beside free planes and two kinds of ICP to CAD.
 
     python benchmarks/jig_angles.py [--scans 24] [--points 14000]
 
 Scans are those of the tests' ray caster (tests/support/scan_scene.py), of a square jig and of one whose angles are off
-by 0.03 and 0.1 degrees, with white noise and with an error that is smooth over 22 mm besides. All methods see the same
-scans. Columns, each the median and the RMS of the errors in mm, and the mean squared error over the covariance (3 is
-honest):
+by 0.03 and 0.1 degrees, with white noise and with an error that is smooth over 22 mm besides; then of a square jig
+whose faces are bowed by 0.05 mm. All methods see the same scans. Columns, each the median and the RMS of the errors in
+mm, and the mean squared error over the covariance (3 is honest):
 
     free    three planes by themselves
     one     the jig's angles as far as each scan agrees with them: `find_corner`
-    set     the angles that all scans tell: `find_corners`
+    set     the angles, and the bows, that all scans tell: `find_corners`
     GICP    to points on the faces of the square CAD model, from a start within 4 mm and some 4 degrees, of a crop about
             the jig: by small_gicp where it is installed, else not shown
     ICP     the same by Open3D: point to plane, with Tukey's weights
@@ -32,6 +32,7 @@ from scipy.spatial.transform import Rotation
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from calib.corners.batch import of_one_jig  # noqa: E402
 from calib.corners.intersection import Corner  # noqa: E402
 from calib.corners.jig_angles import with_common_angles  # noqa: E402
 from calib.corners.search import find_corner  # noqa: E402
@@ -41,21 +42,27 @@ from tests.support.scan_scene import SceneScan, jig_rotation, make_scene  # noqa
 EDGE_MM = 60.0
 OFF = np.array([0.8, -1.0, 0.5])  # of the three angles, in units of the largest
 CASES = {
-    f"{off} deg off, {'smooth' if waves else 'white'}": (off, waves)
+    f"{off} deg off, {'smooth' if waves else 'white'}": (off, waves, (0.0, 0.0, 0.0))
     for off in (0.0, 0.03, 0.1)
+    for waves in (0.0, 0.03)
+} | {
+    f"{name}, {'smooth' if waves else 'white'}": (0.0, waves, bows_mm)
+    for name, bows_mm in {"raised": (0.05,) * 3, "sunk": (-0.05,) * 3, "various": (0.05, -0.03, 0.02)}.items()
     for waves in (0.0, 0.03)
 }
 STEPS_MM = (6.0, 2.0, 0.5, 0.2)  # distances of corresponding points, of one run of GICP after the other
 
 
-def scene(seed: int, points: int, off_deg: float, waves_mm: float) -> SceneScan:
-    """Scan of a jig in any attitude whose angles are off by up to so much."""
+def scene(seed: int, points: int, off_deg: float, waves_mm: float, bows_mm: tuple[float, float, float]) -> SceneScan:
+    """Scan of a jig in any attitude whose angles are off by up to so much, and whose faces are bowed."""
     rng = np.random.default_rng([seed, points])
     square = jig_rotation(rng.uniform(0, 22), rng.uniform(0, 360), rng.uniform(0, 120))
     one, two, three = (90 + off_deg * OFF).tolist()
     edges = np.linalg.inv(jig_normals((one, two, three)))  # columns, each in two of the faces
     rotation = square @ (edges / np.linalg.norm(edges, axis=0))
-    return make_scene(rng, points, rotation=rotation, waves_mm=waves_mm, wave_length_mm=22.0, wave_kernel="measured")
+    return make_scene(
+        rng, points, rotation=rotation, waves_mm=waves_mm, wave_length_mm=22.0, wave_kernel="measured", bows_mm=bows_mm
+    )
 
 
 @dataclass(frozen=True)
@@ -139,9 +146,10 @@ def cell(errors_mm: list[NDArray], corners: list[Corner] | None = None) -> str:
 def row(name: str, scans: int, points: int) -> str:
     """Line of the table for one case, and what the scans tell of the angles."""
     made = {str(seed): scene(seed, points, *CASES[name]) for seed in range(scans)}
-    searches = {key: find_corner(one.scan, Jig(), scan_sigma_mm=0.02).corner for key, one in made.items()}
-    found = {key: corner for key, corner in searches.items() if corner is not None}
-    common, angles = with_common_angles(found, Jig())
+    searches = {key: find_corner(one.scan, Jig(), scan_sigma_mm=0.02) for key, one in made.items()}
+    found = {key: search.corner for key, search in searches.items() if search.corner is not None}
+    told, angles, bows = of_one_jig(searches, Jig())
+    common = {key: search.corner for key, search in told.items() if search.corner is not None}
     kinds = ({key: corner.free or corner for key, corner in found.items()}, found, common)
     cells = [cell([c.xyz_mm - made[key].apex_mm for key, c in kind.items()], list(kind.values())) for kind in kinds]
     cases = [Registration.of(one, int(key)) for key, one in made.items()]
@@ -149,7 +157,8 @@ def row(name: str, scans: int, points: int) -> str:
     icp = cell([by_open3d(case) for case in cases])
     doubts = [c.quality.doubts() for c in with_common_angles(found, Jig(certified=True))[0].values()]
     warned = sum(any("contradict the certified" in doubt for doubt in told) for told in doubts)
-    return f"{name:24}{''.join(cells)}{gicp}{icp}  {len(found)} of {scans}; {angles!r}; certified: {warned} warned"
+    jig = f"{len(found)} of {scans}; {angles!r}; {bows!r}; certified: {warned} warned"
+    return f"{name:24}{''.join(cells)}{gicp}{icp}  {jig}"
 
 
 def main() -> None:

@@ -152,7 +152,7 @@ def of_one_jig(searches: Mapping[str, CornerSearch], jig: Jig) -> JigShape:
     Searches for several targets stay as they are.
     """
     corners = {name: s.corner for name, s in searches.items() if s.corner is not None and type(s) is CornerSearch}
-    bowed, bows = with_common_bows(corners)
+    bowed, bows = with_common_bows(corners, jig)
     held, angles = with_common_angles(bowed, jig)
     return JigShape({name: replace(s, corner=held.get(name, s.corner)) for name, s in searches.items()}, angles, bows)
 

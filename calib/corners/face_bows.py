@@ -26,17 +26,19 @@ from calib.array_types import Array
 from calib.brief import Brief
 from calib.corners.correlated_noise.bow import QUADRATIC, TERMS, BowEvidence, heights
 from calib.corners.intersection import Corner, moved_corner
+from calib.corners.quality import angle_figures
+from calib.jig import Jig
 
 _SIZES_MM = (0.01, 0.03, 0.1, 0.3)  # t
 _SCATTERS_MM = (0.0005, 0.002, 0.006, 0.02, 0.06)  # s
 _HIGHER = (0.0, 1 / 3)  # t of the parts of degree 3 and 4, in units of that of degree 2
 _PRIOR, _BELIEVED = 0.05, 0.99
-_FEWEST = 4  # scans
+_FEWEST, _MOST = 4, 60  # scans; of more, every n-th tells the bows
 _SHOWN = 0.25  # share of the scans that show bows by themselves, from which the jig's are sought; 0.09 of white noise
 _LEAST_WEIGHT = 1e-3
 _SHARED = 0.05  # of a scan's variance, that all scans have in common
 _ROUNDS, _STARTS = 10, 3
-_OUTLYING = 16.0  # times the median squared deviation of a scan from the common bows
+_OUTLYING = 3.0  # times the median squared deviation from the common bows, of 36 numbers: 2.5 once in 100 000
 _COUNT = 3 * TERMS
 _ROLLED = np.array([np.roll(np.arange(_COUNT), TERMS * turn) for turn in range(3)])
 
@@ -64,10 +66,9 @@ class _Common:
     covariance: Array  # (36, 36)
     scatter: Array  # (36,) variances of one scan's own
     alike: bool  # of the three faces
-    share: Array  # (K, 3) probability of each turn of the scan's faces
 
 
-def with_common_bows(corners: Mapping[str, Corner]) -> tuple[dict[str, Corner], FaceBows | None]:
+def with_common_bows(corners: Mapping[str, Corner], jig: Jig) -> tuple[dict[str, Corner], FaceBows | None]:
     """Corners of one jig whose faces are bowed as all scans tell; as they are, and None, where no bow is believed.
 
     It makes no difference whether bows or angles are already held in the corners.
@@ -75,67 +76,93 @@ def with_common_bows(corners: Mapping[str, Corner]) -> tuple[dict[str, Corner], 
     result = {name: (corner.free or corner) for name, corner in corners.items()}
     result = {name: corner.flat or corner for name, corner in result.items()}
     known = {name: corner.bows for name, corner in result.items() if corner.bows is not None}
-    if len(known) < max(_FEWEST, len(result) / 2):
+    if sum(bows.shown for bows in known.values()) < _SHOWN * len(result):
         return result, None
-    if sum(bows.shown for bows in known.values()) < _SHOWN * len(known):
-        return result, None
-    probability, weights, hypotheses = _learned(list(known.values()))
-    common = hypotheses[int(np.argmax(weights))]
-    squares = [_square(common, k, bows) for k, bows in enumerate(known.values())]
-    outlying = tuple(name for name, square in zip(known, squares, strict=True) if square > _OUTLYING * _middle(squares))
-    if outlying:
-        known = {name: bows for name, bows in known.items() if name not in outlying}
+    outlying: tuple[str, ...] = ()
+    for _ in range(2):  # once more without the scans that look different
         if len(known) < _FEWEST:
             return result, None
-        probability, weights, hypotheses = _learned(list(known.values()))
-        common = hypotheses[int(np.argmax(weights))]
-    if probability < _BELIEVED:
+        learned = _Learned.of(list(known.values())[:: -(-len(known) // _MOST)])
+        if outlying or learned.probability < _BELIEVED:
+            break
+        squares = {name: _square(bows, learned.likeliest) for name, bows in known.items()}
+        most = _OUTLYING * float(np.median(list(squares.values())))
+        outlying = tuple(name for name, square in squares.items() if square > most)
+        if not outlying:
+            break
+        known = {name: bows for name, bows in known.items() if name not in outlying}
+    if learned.probability < _BELIEVED:
         return result, None
-    for k, (name, bows) in enumerate(known.items()):
-        told = [(w, *_moves(bows, one, k)) for w, one in zip(weights, hypotheses, strict=True) if w > _LEAST_WEIGHT]
-        total = sum(w for w, _, _ in told)
-        moves = sum(w / total * mean for w, mean, _ in told)
-        spread = sum(w / total * (c + np.outer(mean - moves, mean - moves)) for w, mean, c in told)
-        result[name] = replace(moved_corner(result[name], moves, spread), flat=result[name])
-    sag_mm, sigma_mm = _sags(common, next(iter(known.values())).rectangular)
-    return result, FaceBows(probability, sag_mm, sigma_mm, len(known), outlying)
+    for name, bows in known.items():
+        flat = result[name]
+        bowed = moved_corner(flat, *learned.moves(bows))
+        sharper = bowed.sigma_mm() / flat.sigma_mm()
+        angles = angle_figures(bowed.faces, bowed.plane_covariance, jig.face_angles_deg)
+        quality = replace(bowed.quality, smooth_factor=sharper * flat.quality.smooth_factor, **angles)
+        result[name] = replace(bowed, quality=quality, flat=flat)
+    sag_mm, sigma_mm = _sags(learned.likeliest, next(iter(known.values())).rectangular)
+    return result, FaceBows(learned.probability, sag_mm, sigma_mm, len(known), outlying)
 
 
-def _moves(bows: BowEvidence, common: _Common, scan: int) -> tuple[Array, Array]:
+def _turned(bows: BowEvidence, common: _Common) -> tuple[Array, Array]:
+    """Common bows (36,) and their covariance in the order of a scan's faces."""
+    each = common.bows[_ROLLED]
+    fits = each @ bows.gradient - 0.5 * np.einsum("ti,ij,tj->t", each, bows.information, each)
+    turn = _ROLLED[int(np.argmax(fits))]
+    return common.bows[turn], common.covariance[np.ix_(turn, turn)]
+
+
+def _moves(bows: BowEvidence, common: _Common) -> tuple[Array, Array]:
     """Moves (9,) of a scan's planes, by which they meet where the bowed faces do, and their covariance (9, 9)."""
-    turn = _ROLLED[int(np.argmax(common.share[scan]))]
-    mean, covariance = common.bows[turn], common.covariance[np.ix_(turn, turn)]
-    own = _own_gain(bows.information, common.scatter)  # of what this scan alone shows
+    mean, covariance = _turned(bows, common)
+    # Of what this scan alone shows, given the common bows.
+    own = common.scatter[:, None] * np.linalg.inv(np.eye(_COUNT) + bows.information * common.scatter)
     by_jig = bows.at_apex - bows.by_bows
     by_own = by_jig if common.alike else -bows.by_bows  # differences of faces bowed alike are the jig's
     through = by_jig - by_own @ own @ bows.information
     moves = bows.moves + through @ mean + by_own @ own @ bows.gradient
-    of_planes = bows.covariance + by_own @ own @ by_own.T + through @ covariance @ through.T
-    return moves, 0.5 * (of_planes + of_planes.T)
+    return moves, bows.covariance + by_own @ own @ by_own.T + through @ covariance @ through.T
 
 
-def _own_gain(information: Array, scatter: Array) -> Array:
-    """Covariance (36, 36) of a scan's own bows, given the common ones, from its information and their variances."""
-    return np.asarray(scatter[:, None] * np.linalg.inv(np.eye(_COUNT) + information * scatter))
+@dataclass(frozen=True)
+class _Learned:
+    """Hypotheses on the bows of one jig's faces, with their probabilities."""
 
+    probability: float  # that the faces are bowed
+    weights: Array  # (H,) probabilities where they are
+    hypotheses: tuple[_Common, ...]
 
-def _learned(scans: Sequence[BowEvidence]) -> tuple[float, Array, list[_Common]]:
-    """Probability that the faces are bowed, and probabilities (H,) of the hypotheses where they are, with the bows."""
-    flat, bowed = [], []
-    for scatter_mm, higher in product(_SCATTERS_MM, _HIGHER):
-        parts = _parts(higher)
-        likelihood = _Likelihood.of(scans, scatter_mm**2 * parts)
-        flat.append(float(likelihood.constant.sum()))
-        bowed += [
-            _common(likelihood, size_mm**2 * parts, scatter_mm**2 * parts, alike=alike)
-            for size_mm in _SIZES_MM
-            for alike in (True, False)
-        ]
-    evidence = np.array([one.log_evidence for one in bowed])
-    for_bows = np.logaddexp.reduce(evidence) - np.log(len(bowed)) + np.log(_PRIOR)
-    for_none = np.logaddexp.reduce(flat) - np.log(len(flat)) + np.log(1 - _PRIOR)
-    weights = np.exp(evidence - np.logaddexp.reduce(evidence))
-    return float(np.exp(for_bows - np.logaddexp(for_bows, for_none))), weights, bowed
+    @property
+    def likeliest(self) -> _Common:
+        return self.hypotheses[int(np.argmax(self.weights))]
+
+    def moves(self, bows: BowEvidence) -> tuple[Array, Array]:
+        """Moves (9,) of a scan's planes and their covariance (9, 9), averaged over the hypotheses."""
+        told = [(weight, *_moves(bows, one)) for weight, one in zip(self.weights, self.hypotheses, strict=True)
+                if weight > _LEAST_WEIGHT]  # fmt: skip
+        total = sum(weight for weight, _, _ in told)
+        moves = np.asarray(sum(weight * each for weight, each, _ in told)) / total
+        spread = sum(weight * (own + np.outer(each - moves, each - moves)) for weight, each, own in told)
+        covariance = np.asarray(spread) / total
+        return moves, 0.5 * (covariance + covariance.T)
+
+    @staticmethod
+    def of(scans: Sequence[BowEvidence]) -> _Learned:
+        """Probabilities by the evidence of all scans together."""
+        flat, bowed = [], []
+        for scatter_mm, higher in product(_SCATTERS_MM, _HIGHER):
+            parts = _parts(higher)
+            likelihood = _Likelihood.of(scans, scatter_mm**2 * parts)
+            flat.append(float(likelihood.constant.sum()))
+            bowed += [
+                _common(likelihood, size_mm**2 * parts, scatter_mm**2 * parts, alike=alike)
+                for size_mm, alike in product(_SIZES_MM, (True, False))
+            ]
+        evidence = np.array([one.log_evidence for one in bowed])
+        for_bows = np.logaddexp.reduce(evidence) - np.log(len(bowed)) + np.log(_PRIOR)
+        for_none = np.logaddexp.reduce(flat) - np.log(len(flat)) + np.log(1 - _PRIOR)
+        weights = np.exp(evidence - np.logaddexp.reduce(evidence))
+        return _Learned(float(np.exp(for_bows - np.logaddexp(for_bows, for_none))), weights, tuple(bowed))
 
 
 def _parts(higher: float) -> Array:
@@ -199,7 +226,7 @@ def _common(likelihood: _Likelihood, prior: Array, scatter: Array, *, alike: boo
         evidence -= 0.5 * float(bows @ weight @ bows - np.linalg.slogdet(weight)[1] + np.log(own).sum())
         if best is None or evidence > best.log_evidence:
             covariance = (1 + _SHARED * count) * (free @ turns / own) @ (free @ turns).T
-            best = _Common(evidence, free @ bows, covariance, scatter, alike, share)
+            best = _Common(evidence, free @ bows, covariance, scatter, alike)
     assert best is not None
     return best
 
@@ -211,16 +238,11 @@ def _as_first(count: int, scan: int) -> Array:
     return share
 
 
-def _square(common: _Common, scan: int, bows: BowEvidence) -> float:
-    """Squared deviation of a scan's bows from the common ones, where it can tell them."""
-    turn = _ROLLED[int(np.argmax(common.share[scan]))]
-    off = bows.gradient - bows.information @ common.bows[turn]
+def _square(bows: BowEvidence, common: _Common) -> float:
+    """Squared deviation of a scan's bows from the common ones, as far as it tells them."""
+    off = bows.gradient - bows.information @ _turned(bows, common)[0]
     expected = bows.information + bows.information @ (common.scatter[:, None] * bows.information)
     return float(off @ np.linalg.pinv(expected, rcond=1e-9, hermitian=True) @ off)
-
-
-def _middle(squares: Sequence[float]) -> float:
-    return float(np.median(squares))
 
 
 def _sags(common: _Common, rectangular: bool) -> tuple[tuple[float, float, float], tuple[float, float, float]]:

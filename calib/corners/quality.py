@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypedDict
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
+from calib.corners.faces.angles import Plane, angle_derivative, fitted_angles_deg
 from calib.planes.robust_fit import PlaneFit
 
 HIGH_INCIDENCE_DEG = 75.0
@@ -107,6 +110,25 @@ class CornerQuality(Brief):
             f"only repeats with the jig moved in the view show what is smoother than {self.smooth_shown_mm:.0f} mm, "
             "or correlated_sigma_mm in dataset.toml declares it"
         )
+
+
+class AngleFigures(TypedDict):
+    """Angles between three faces: those fields of `CornerQuality` that follow from the planes."""
+
+    angles_deg: tuple[float, float, float]
+    angle_sigmas_deg: tuple[float, float, float]
+    angle_errors_deg: tuple[float, float, float]
+
+
+def angle_figures(
+    planes: Sequence[Plane], covariance: Array, jig_angles_deg: tuple[float, float, float]
+) -> AngleFigures:
+    """Angles between three planes of joint covariance (9, 9), with their sigmas and errors."""
+    angles = fitted_angles_deg(planes)
+    derivative = angle_derivative(planes) / np.sin(np.radians(angles))[:, None]
+    one, two, three = np.degrees(np.sqrt(np.diag(derivative @ covariance @ derivative.T))).tolist()
+    first, second, third = angle_errors(angles, jig_angles_deg).tolist()
+    return AngleFigures(angles_deg=angles, angle_sigmas_deg=(one, two, three), angle_errors_deg=(first, second, third))
 
 
 def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:

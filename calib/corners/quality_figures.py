@@ -8,10 +8,9 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
-from calib.corners.faces.angles import angle_derivative, fitted_angles_deg
 from calib.corners.faces.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import intersection_covariance
-from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg
+from calib.corners.quality import CornerQuality, FaceQuality, angle_figures, incidence_deg
 from calib.jig import Jig, Outline
 from calib.planes.robust_fit import PlaneFit, height_lever
 
@@ -57,15 +56,10 @@ def quality_figures(
             float(np.degrees(np.sqrt(np.linalg.eigvalsh(slopes)[-1]))),
         )  # fmt: skip
 
-    angles = fitted_angles_deg(planes)
-    derivative = angle_derivative(planes) / np.sin(np.radians(angles))[:, None]
-    sigmas = np.degrees(np.sqrt(np.diag(derivative @ known.covariance @ derivative.T)))
     middles = np.sqrt(sum(known.covariance[3 * i, 3 * i] for i in range(3)))
     return CornerQuality(
         faces=(face(0), face(1), face(2)),
-        angles_deg=angles,
-        angle_sigmas_deg=tuple(sigmas.tolist()),
-        angle_errors_deg=tuple(angle_errors(angles, jig.face_angles_deg).tolist()),
+        **angle_figures(planes, known.covariance, jig.face_angles_deg),
         condition=float(np.linalg.cond(normals)),
         amplification=apex_sigma_mm(known.covariance) / float(middles),
         smooth_error_mm=known.correlated_sigma_mm,

@@ -83,7 +83,7 @@ def run_corners(options: CornersOptions) -> int:
         found = with_corners(dataset, searches, orientation=labels if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
     blocks = batch_blocks(searches, named, labels if dataset.shows_faces else None)
-    show(options, corners_document(searches, labels, named, searches.jig_angles), block_text(*blocks))
+    show(options, corners_document(searches, labels, named), block_text(*blocks))
     return 0
 
 

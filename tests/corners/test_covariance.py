@@ -182,8 +182,8 @@ def test_faces_of_hardly_known_direction_are_no_corner(monkeypatch: pytest.Monke
     """Without this check any three planes would do: a twisted cube's gave an apex a metre off, sigma six metres."""
     uncertainty = refinement.plane_uncertainty
 
-    def hardly(*arguments: Any) -> PlaneUncertainty:
-        known = uncertainty(*arguments)
+    def hardly(*arguments: Any, **named: Any) -> PlaneUncertainty:
+        known = uncertainty(*arguments, **named)
         turns = np.sqrt(np.linalg.eigvalsh(known.covariance[1:3, 1:3])[-1])
         return replace(known, covariance=known.covariance * (np.radians(5.0) / turns) ** 2)
 

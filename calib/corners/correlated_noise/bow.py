@@ -30,7 +30,7 @@ from calib.planes.robust_fit import PlaneFit
 QUADRATIC, TERMS = 3, 12
 """Coefficients of one face's bow: of degree 2, and up to degree 4."""
 _POWERS = tuple((degree - k, k) for degree in range(5) for k in range(degree + 1))
-_STEPS = 60
+_NODES = 6  # by which polynomials of degree 11 are integrated exactly
 _SHOWS = 15.0  # squared residual that quadratic bows take away, 9 on average in white noise, from which they are shown
 
 
@@ -66,11 +66,14 @@ class BowEvidence(Brief):
 @lru_cache(maxsize=2)
 def _coefficients(rectangular: bool) -> Array:
     """(15, 12) coefficients of the powers in each part of a bow: mean square 1 over a face, and mean plane 0."""
-    at = (np.arange(_STEPS) + 0.5) / _STEPS
-    u, v = (x.ravel() for x in np.meshgrid(at, at))
-    on = np.ones(len(u), dtype=bool) if rectangular else u + v < 1.0
-    triangular = np.linalg.qr(_powers(np.column_stack([u[on], v[on]])))[1]
-    inverse = np.linalg.inv(triangular) * np.sqrt(on.sum())
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    u, v = (x.ravel() for x in np.meshgrid(nodes, nodes))
+    weight = np.outer(weights, weights).ravel()
+    if not rectangular:  # u + v < 1
+        u, v, weight = u, v * (1.0 - u), 2.0 * weight * (1.0 - u)
+    rows = _powers(np.column_stack([u, v])) * np.sqrt(weight)[:, None]
+    inverse = np.linalg.inv(np.linalg.qr(rows)[1])
     return np.asarray(inverse[:, 3:])
 
 

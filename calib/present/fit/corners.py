@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.corners.batch import CornerBatch
+from calib.corners.face_bows import FaceBows
 from calib.corners.intersection import Corner
 from calib.corners.jig_angles import JigAngles
 from calib.corners.quality import CornerQuality
@@ -61,7 +62,7 @@ _LABELLED_BY = {
 @presentation.register
 def _batch(batch: CornerBatch) -> Presentation:
     named = assign_targets(batch.dataset, batch)
-    head = [*batch_head(batch.dataset, batch, named), *_angles_paragraph(batch.jig_angles), *failures(batch, named)]
+    head = [*batch_head(batch.dataset, batch, named), *_of_jig(batch), *failures(batch, named)]
     tables = {"corner": corner_table(batch), "target": target_table(named)}
     sections = [
         Section(f"Each {what}, in the scanner's frame", [table]) for what, table in tables.items() if table.rows
@@ -78,9 +79,29 @@ def batch_blocks(searches: CornerBatch, named: Assignment, labels: FaceLabels | 
         *failures(searches, named),
         *counted,
         *batch_head(searches.dataset, searches, named),
-        *_angles_paragraph(searches.jig_angles),
+        *_of_jig(searches),
         *([] if labels is None else [Paragraph(f"{numbers.capitalised(face_labelling(labels.labelling))}.")]),
     ]
+
+
+def _of_jig(batch: CornerBatch) -> list[Block]:
+    """Paragraphs on what all scans tell of the jig: the bows of its faces, and the angles between them."""
+    return [*_bows_paragraph(batch.face_bows), *_angles_paragraph(batch.jig_angles)]
+
+
+def _bows_paragraph(bows: FaceBows | None) -> list[Block]:
+    """Paragraph on the bows of the jig's faces that all scans tell together; none where the faces are flat."""
+    if bows is None:
+        return []
+    sags = ", ".join(f"{sag:+.3f}" for sag in bows.sag_mm)
+    text = (
+        f"{numbers.count(bows.scans, 'scan')} show the jig's faces bowed: their middles rise by {sags} mm (sigma "
+        f"{max(bows.sigma_mm):.2g} mm) over the planes through their corners, and sink where that is negative; each "
+        "corner is where the bowed faces meet"
+    )
+    if bows.outlying:
+        text += f"; left as they are, since their faces look different: {', '.join(bows.outlying)}"
+    return [Paragraph(f"{text}.")]
 
 
 def _angles_paragraph(angles: JigAngles | None) -> list[Block]:
@@ -346,12 +367,10 @@ def _labels_document(labels: FaceLabels) -> dict[str, Any]:
 @document.register
 def _batch_document(batch: CornerBatch) -> dict[str, Any]:
     labels = label_faces(batch.dataset, batch)
-    return corners_document(batch, labels, assign_targets(batch.dataset, batch), batch.jig_angles)
+    return corners_document(batch, labels, assign_targets(batch.dataset, batch))
 
 
-def corners_document(
-    searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment, angles: JigAngles | None
-) -> dict[str, Any]:
+def corners_document(searches: CornerBatch, labels: FaceLabels, named: Assignment) -> dict[str, Any]:
     """Document that `corners --json` prints: corners with their planes, the jig's orientations, failures with reasons.
 
     `targets` are all that have a name, where a dataset has others than one jig.
@@ -371,7 +390,8 @@ def corners_document(
         for pose_id, reasons in named.refused.items()
         for name, reason in reasons.items()
     ]
-    corners = {"corners": found, "failed": failed, "orientations": labels, "jig_angles": angles}
+    corners = {"corners": found, "failed": failed, "orientations": labels, "jig_angles": searches.jig_angles}
+    corners |= {} if searches.face_bows is None else {"face_bows": searches.face_bows}
     return corners | ({"targets": targets, "targets_failed": refused} if targets or refused else {})
 
 
