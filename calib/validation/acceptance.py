@@ -233,7 +233,7 @@ def check(
     Args:
         dataset: a dataset or its folder.
         searches: searches of its scans by pose id, where it has no points; None: the scans are searched first.
-        options: options of the fit; the diagnosis is of positions.
+        options: options of the fit; the diagnosis is of the residual that is usual for the data.
         effects: effects that are in the model: names of the catalogue, families, or single members.
         user_effects: families beyond the catalogue.
         max_test_rmse_mm: largest 3D RMSE of the test poses that passes; None: any below that of the nominal robot.
@@ -268,7 +268,7 @@ def check(
         try:
             diagnosis = diagnose(
                 dataset,
-                options.with_residual("position"),
+                options.with_residual(dataset.usual_residual),
                 effects=effects,
                 user_effects=user_effects,
                 on_step=on_step,

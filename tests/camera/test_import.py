@@ -49,7 +49,7 @@ def test_images_become_a_dataset_with_honest_poses(cell, tmp_path, capsys):
     out = tmp_path / "cell"
     assert importing(folder, out, "--intrinsics", str(folder / "lens.json"), "--json") == 0
     told = json.loads(capsys.readouterr().out)
-    assert any("p10.png is left out: shows no board" in note for note in told["recognised"])
+    assert any("p10.png is left out: does not show the board" in note for note in told["recognised"])
     assert any("the camera is on the flange" in note for note in told["recognised"])
     dataset = load_dataset(out)
     assert dataset.robot.carries_scanner

@@ -206,6 +206,34 @@ def charuco_drawing(columns: int, rows: int, square_mm: float, marker_mm: float,
     return board.generateImage(size, marginSize=0)
 
 
+def checkerboard_drawing(columns: int, rows: int, square_mm: float, dots_per_mm: int = 6) -> Array:
+    """A checkerboard, its first square dark."""
+    side = round(square_mm * dots_per_mm)
+    light = np.indices((rows, columns)).sum(axis=0) % 2
+    return np.kron(255 * light, np.ones((side, side))).astype(np.uint8)
+
+
+def marker_drawing(
+    columns: int, rows: int, side_mm: float, gap_mm: float, dictionary: str, dots_per_mm: int = 6
+) -> Array:
+    """A grid of markers, numbered row by row."""
+    markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    side, step = round(side_mm * dots_per_mm), round((side_mm + gap_mm) * dots_per_mm)
+    drawing = np.full((step * rows, step * columns), 255, np.uint8)
+    for number in range(columns * rows):
+        row, column = divmod(number, columns)
+        across = slice(column * step, column * step + side)
+        drawing[row * step : row * step + side, across] = cv2.aruco.generateImageMarker(markers, number, side)
+    return drawing[: (rows - 1) * step + side, : (columns - 1) * step + side]
+
+
+def with_margin(drawing: Array, size_mm: tuple[float, float], margin_mm: float) -> tuple[Array, tuple[float, float]]:
+    """A drawing with white paper around it, and its size."""
+    pad = round(margin_mm * drawing.shape[1] / size_mm[0])
+    wide = cv2.copyMakeBorder(drawing, pad, pad, pad, pad, cv2.BORDER_CONSTANT, value=255)
+    return wide, (size_mm[0] * wide.shape[1] / drawing.shape[1], size_mm[1] * wide.shape[0] / drawing.shape[0])
+
+
 def write_images(scene: Scene, folder: Path, drawing: Array, size_mm, rng, poses=None, **how) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     for k in range(len(scene.names)) if poses is None else poses:
