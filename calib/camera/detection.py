@@ -18,6 +18,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.camera.board import Board, board_of
+from calib.camera.board_bend import bent, board_bend
 from calib.camera.lens import LENS_NAMES, Lens, project
 from calib.camera.marker_corners import refined_corners
 from calib.camera.observed import IMAGE_SUFFIXES
@@ -324,6 +325,7 @@ class MeasuredViews:
     sigma_px: float
     left_out: Mapping[str, str]  # the reason by the name of the pose
     bad_corners: int = 0  # that lie far from where all others put them, and are left out
+    sag_mm: float = 0.0  # range of the corners' heights over a plane, where the board is bent
 
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
@@ -344,6 +346,14 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
             break
         views, bad_corners = tuple(kept), bad_corners + gone
         lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
+    sag_mm = 0.0
+    for _ in range(_ROUNDS):
+        bend = board_bend(detected.board, lens, [best for best, _ in both], sigma_px)
+        if bend is None:
+            break
+        views = tuple(bent(view, detected.board, bend) for view in views)
+        sag_mm = float(np.ptp([height for view in views for height in view.board_mm[:, 2]]))
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
     poses, left_out = [], {}
     for best, rival in both:
         if rival is not None and rival.squares - best.squares < _TWO_WAYS * sigma_px**2:
@@ -352,7 +362,7 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
             poses.append(best)
     if not poses:
         raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
-    return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners)
+    return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners, sag_mm)
 
 
 def _lens_and_poses(
@@ -389,7 +399,7 @@ def _first_lens(cv2: Any, detected: Detected) -> Lens:
             f"the lens cannot be found from the images ({why}; {_FEWEST_VIEWS} images of a board are needed); give it "
             "by --intrinsics FILE, such as ROS's camera_info.yaml"
         )
-    board = [view.board_mm.astype(np.float32) for view in views]
+    board = [_flat(view).astype(np.float32) for view in views]
     seen = [view.pixels.astype(np.float32) for view in views]
     try:
         _, matrix, distortion, _, _ = cv2.calibrateCamera(board, seen, detected.size_px, None, None)
@@ -401,11 +411,16 @@ def _first_lens(cv2: Any, detected: Detected) -> Lens:
     return Lens(*detected.size_px, tuple(map(float, numbers)))
 
 
+def _flat(view: View) -> Array:
+    """Corners (N, 3) of the board as if it were flat, as OpenCV's first guesses require."""
+    return np.asarray(view.board_mm * [1.0, 1.0, 0.0])
+
+
 def _best_pose(cv2: Any, lens: Lens, view: View) -> tuple[ViewPose, ViewPose | None]:
     """Best pose of the board in a view, and the other of the two that a flat board has, None where it is the same."""
     numbers = np.array(lens.numbers)
     _, turns, shifts, _ = cv2.solvePnPGeneric(
-        view.board_mm, view.pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE
+        _flat(view), view.pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE
     )
     found = []
     for turn, shift in zip(turns, shifts, strict=True):

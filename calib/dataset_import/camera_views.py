@@ -175,6 +175,11 @@ def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> 
             * (measured.bad_corners > 0)
         )
     )
+    if measured.sag_mm:
+        notes.append(
+            f"the board is bent: its corners lie {measured.sag_mm:.2g} mm apart across its plane, by the images; that "
+            "is counted, and a flat one would be better: glue it to glass or aluminium"
+        )
     lens, sigma = measured.lens, measured.lens.sigmas
     if choice.intrinsics is None:
         four = ", ".join(

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib import load_dataset, write_dataset
 from calib.camera.board import board_of
 from calib.camera.intrinsics import load_lens
 from calib.camera.lens import project
 from calib.camera.marker_poses import load_marker_poses
 from calib.errors import CalibError
 from calib.robot_formats.static_transform import StaticTransform, transform_text
+from tests.support.camera_dataset import simulated_dataset, true_lens
+from tests.support.camera_scene import Scene
 
 ROS = """image_width: 1280
 image_height: 960
@@ -175,3 +178,20 @@ def test_a_transform_is_written_for_ros_in_metres(tmp_path, name):
 def test_a_frame_name_that_breaks_a_file_is_refused():
     with pytest.raises(CalibError, match="no name of a frame"):
         StaticTransform('tool0" x="', "camera", np.eye(4), np.eye(6))
+
+
+@pytest.mark.parametrize("bend_mm", [0.0, 0.6])
+@pytest.mark.parametrize("lens", [None, true_lens()], ids=["found lens", "given lens"])
+def test_the_bend_of_a_board_is_found_and_kept(bend_mm, lens, tmp_path):
+    """A flat board has none; of one that is rolled by 0.6 mm the pixels' noise alone is left."""
+    rng = np.random.default_rng(3)
+    scene = Scene.draw(rng, on_flange=True, poses=16)
+    dataset = simulated_dataset(scene, board_of("charuco:8x6:30:22"), rng, sigma_px=0.1, lens=lens, bend_mm=bend_mm)
+    assert dataset.camera.sigma_px == pytest.approx(0.1, rel=0.06)
+    x_mm, z_mm = dataset.camera.board_mm[:, 0], dataset.camera.board_mm[:, 2]
+    if not bend_mm:
+        assert not z_mm.any()
+    else:
+        assert np.polyfit(x_mm / 120.0, z_mm, 2)[0] == pytest.approx(bend_mm, rel=0.1)
+    write_dataset(dataset, tmp_path / "cell")
+    np.testing.assert_allclose(load_dataset(tmp_path / "cell").camera.board_mm[:, 2], z_mm, atol=1e-9)

@@ -2,7 +2,8 @@
 
 views.csv has a row a corner: `pose`, `corner` (its number on the board), `board_x_mm`, `board_y_mm` (its place on the
 board, about the board's middle, x to the right and y down the printed page), `u_px`, `v_px` (in the image, the middle
-of the first pixel being 0, 0). points.csv holds what follows from them: the board's pose at each pose.
+of the first pixel being 0, 0), and of a bent board `board_z_mm`, behind the printed plane. points.csv holds what
+follows from them: the board's pose at each pose.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from calib.text_files.toml_table import TomlTable
 
 VIEWS_FILE = "views.csv"
 _COLUMNS = ("board_x_mm", "board_y_mm", "u_px", "v_px")
+_HEIGHT = "board_z_mm"
 _IN_PIXELS = 4  # of a lens's numbers
 _LARGEST_PX = 1e6
 _MOST_SIGMA_PX = 1e3
@@ -48,13 +50,14 @@ def load_camera(table: TomlTable, path: Path, poses: Poses) -> CameraViews | Non
         if pose_id not in poses.ids:
             raise file.error(row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose")
     values = file.numbers(["corner", *_COLUMNS])
+    height = file.numbers([_HEIGHT]) if _HEIGHT in file else np.zeros((len(values), 1))
     return CameraViews(
         lens=Lens(int(size[0]), int(size[1]), tuple(map(float, numbers))),
         board=table.text("board", "") or "",
         sigma_px=sigma_px,
         pose=tuple(ids),
         corner=values[:, 0].astype(np.int64),
-        board_mm=np.column_stack([values[:, 1:3], np.zeros(len(values))]),
+        board_mm=np.column_stack([values[:, 1:3], height]),
         pixels=values[:, 3:5],
         lens_from=table.text("lens_from", "") or "",
         images=table.text("images"),
@@ -78,4 +81,7 @@ def views_text(camera: CameraViews) -> str:
     """Text of views.csv."""
     columns = {"pose": camera.pose, "corner": camera.corner}
     values = np.column_stack([camera.board_mm[:, :2], camera.pixels])
-    return frame_csv(pd.DataFrame(columns | {name: values[:, k] for k, name in enumerate(_COLUMNS)}))
+    columns |= {name: values[:, k] for k, name in enumerate(_COLUMNS)}
+    if np.any(camera.board_mm[:, 2]):
+        columns[_HEIGHT] = camera.board_mm[:, 2]
+    return frame_csv(pd.DataFrame(columns))
