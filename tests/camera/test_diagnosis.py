@@ -9,6 +9,7 @@ from calib import FitOptions, calibrate, diagnose, load_dataset
 from calib.calibration.result import is_declared
 from calib.camera.board import board_of
 from calib.dataset.dataset import Dataset
+from calib.present.fit.calibration import calibration_warnings
 from inspector.cli.parser import main
 from tests.support.camera_dataset import simulated_dataset
 from tests.support.camera_scene import Scene
@@ -31,6 +32,8 @@ def test_images_are_fitted_as_full_poses_unless_something_else_is_asked_for():
     assert calibrate(dataset, prior=False).residual == "pose"
     assert calibrate(dataset, residual="position").residual == "position"
     assert calibrate(dataset, FitOptions()).residual == "position"
+    assert not any("share" in words for words in calibration_warnings(calibrate(dataset)))
+    assert any("share" in words for words in calibration_warnings(calibrate(dataset, residual="position")))
 
 
 @pytest.mark.slow
