@@ -294,8 +294,8 @@ def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
     points = calibration.fitted_dataset.points
     if calibration.residual != "pose" and points is not None and points.shared is not None:
         sentences.append(
-            "the lens was found from the images, and a fit of anything but full poses takes its errors, which all images "
-            "share, for independent ones: sigmas come out too small; fit full poses (--residual pose)"
+            "the lens was found from the images, and a fit of anything but full poses takes its errors, which all of "
+            "them share, for independent ones: sigmas come out too small; fit full poses (--residual pose)"
         )
     sentences.append(calibration.hand_eye_ambiguity)
     if not calibration.fit.converged:
