@@ -21,6 +21,7 @@ from calib.text_files.user_table import Fault, RowFault, UserTable, plain, split
 _MOST_FAULTS = 20
 _MOST_PLACES = 8  # that a fault lists
 _MOST = 1e9  # degrees, micrometres
+_TURNS = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"), ("qx", "qy", "qz"), ("w", "p", "r"))
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
 
 
@@ -76,7 +77,13 @@ def recognised(
     have = ", ".join(table.columns[:30])
     if joints and robot is not None and not found.faults:
         missing = [f"q{k + 1}" for k in range(robot.n_joints) if f"q{k + 1}" not in found.columns]
-        if missing:
+        if len(missing) == robot.n_joints and _has_flange_poses(table.columns):
+            report.fault(
+                f"{table.path}: line 1: its columns are Cartesian poses ({have}), and the joints' values are needed: "
+                "poses do not tell by which of several ways the arm reached them, nor what its table made of the "
+                "joints; controllers and ROS (/joint_states) log these beside them"
+            )
+        elif missing:
             report.fault(
                 f"{table.path}: line 1: {robot.n_joints} columns of joints are needed, q1 to q{robot.n_joints} or the "
                 f"joints' names; found {have}; tell with --map column=q1"
@@ -88,6 +95,12 @@ def recognised(
                 f"{table.path}: line 1: no column for {', '.join(missing)}; found {have}; tell with --map column=x"
             )
     return found
+
+
+def _has_flange_poses(columns: Sequence[str]) -> bool:
+    """Whether columns are places and turns, as of a flange or tool."""
+    names = {plain(split_unit(name)[0]) for name in columns}
+    return {"x", "y", "z"} <= names and any(set(turns) <= names for turns in _TURNS)
 
 
 def joint_values(report: ImportReport, table: UserTable, meant: Recognised) -> Array | None:

@@ -242,6 +242,8 @@ def test_what_is_not_clear_is_asked_for(truth: Dataset, tmp_path: Path) -> None:
     assert "6 columns of joints are needed, q1 to q6" in refusal(
         tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, few)
     )
+    poses = write(tmp_path / "poses.csv", ["X [mm]", "Y [mm]", "Z [mm]", "A [deg]", "B [deg]", "C [deg]"], rows[:, :6])
+    assert "the joints' values are needed" in refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, poses))
     odd = write(tmp_path / "odd.csv", [*Q, "x", "y", "z"], rows * [1, 1, 1, 1, 1, 1, 5, 5, 5])
     assert "--map 'x=x_mm'" in refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, odd))
     wrong = write(tmp_path / "wrong.csv", ["q1_mm", *Q[1:], "x", "y", "z"], rows)
