@@ -11,12 +11,11 @@ beside the lens and the board's poses, by Gauss-Newton with these eliminated.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.brief import Brief
 from calib.camera.board import Board
 from calib.camera.lens import FREE_NAMES, LENS_NAMES, Lens, by_point
 from calib.camera.view import View, ViewPose, view_columns
@@ -26,20 +25,8 @@ _LEAST_MM = 0.01  # that is worth counting
 _FEWEST_VIEWS = 5
 
 
-@dataclass(frozen=True)
-class BoardBend(Brief):
-    """Bend of a board."""
-
-    coefficients_mm: tuple[float, float, float]  # of x^2, x y, y^2
-    sigma_mm: tuple[float, float, float]
-    sag_mm: float  # range of its corners' heights
-
-    def _brief(self) -> str:
-        return f"{self.sag_mm:.3f} mm"
-
-
-def board_bend(board: Board, lens: Lens, poses: Sequence[ViewPose], sigma_px: float) -> BoardBend | None:
-    """Bend of a board from its images, beyond that of the views' corners; None where they show none.
+def board_bend(board: Board, lens: Lens, poses: Sequence[ViewPose], sigma_px: float) -> Array | None:
+    """Bend (3,) of a board, mm of x^2, x y, y^2, beyond that of the views' corners; None where its images show none.
 
     The lens is an unknown where it has a covariance, else exact. sigma_px is the pixels' noise.
     """
@@ -65,15 +52,13 @@ def board_bend(board: Board, lens: Lens, poses: Sequence[ViewPose], sigma_px: fl
     heights = _shapes(board, board.corners_mm) @ found
     if found @ np.linalg.pinv(covariance, hermitian=True) @ found < _SURE * sigma_px**2 or np.ptp(heights) < _LEAST_MM:
         return None
-    one, two, three = found.tolist()
-    first, second, third = (sigma_px * np.sqrt(np.diag(covariance))).tolist()
-    return BoardBend((one, two, three), (first, second, third), float(np.ptp(heights)))
+    return np.asarray(found)
 
 
-def bent(view: View, board: Board, bend: BoardBend) -> View:
-    """A view whose corners lie on a board that is bent further."""
+def bent(view: View, board: Board, bend: Array) -> View:
+    """A view whose corners lie on a board that is bent further, by (3,) as of `board_bend`."""
     at = view.board_mm.copy()
-    at[:, 2] += _shapes(board, at) @ np.array(bend.coefficients_mm)
+    at[:, 2] += _shapes(board, at) @ bend
     return replace(view, board_mm=at)
 
 

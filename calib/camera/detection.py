@@ -108,18 +108,18 @@ def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = No
         number, pixels = finder(picture)
         most = max(most, len(number))
         if len(number) < fewest or _on_one_line(board.corners_mm[number]):
-            whole = " as a whole" if board.kind == "checkerboard" else ""
-            none = f"does not show the board{whole}"
-            left_out[images[name].name] = (
-                f"shows {len(number)} corners, of which no pose follows" if len(number) else none
-            )
+            none = f"does not show the {'whole ' if board.kind == 'checkerboard' else ''}board"
+            few_seen = f"shows {len(number)} corners, of which no pose follows"
+            left_out[images[name].name] = few_seen if len(number) else none
             continue
         views.append(View(name, number, board.corners_mm[number], pixels))
-    few = board.kind == "checkerboard" and len(views) < _FEW_SHOW * len(pictures)  # parts of another one, perhaps
-    if few and (told := _counted_otherwise(cv2, board, next(iter(images.values())).parent, pictures)) is not None:
+    folder = next(iter(images.values())).parent
+    # A part of a larger checkerboard may have been taken for the whole.
+    few = board.kind == "checkerboard" and len(views) < _FEW_SHOW * len(pictures)
+    if (few or not views) and (told := _counted_otherwise(cv2, board, folder, pictures)) is not None:
         raise CalibError(told)
     if not views:
-        raise CalibError(_nothing_seen(cv2, board, finder, pictures, images, most))
+        raise CalibError(_nothing_seen(board, finder, folder, pictures, most))
     return Detected(board, size_px, tuple(views), left_out, notes)
 
 
@@ -159,13 +159,8 @@ def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Ar
 Finder = Callable[[Array], tuple[IndexArray, Array]]
 
 
-def _nothing_seen(
-    cv2: ModuleType, board: Board, finder: Finder, pictures: Mapping[str, Array], images: Mapping[str, Path], most: int
-) -> str:
+def _nothing_seen(board: Board, finder: Finder, folder: Path, pictures: Mapping[str, Array], most: int) -> str:
     """What to say where no image shows enough of the board."""
-    folder = next(iter(images.values())).parent
-    if (told := _counted_otherwise(cv2, board, folder, pictures)) is not None:
-        return told
     mirrored = (np.ascontiguousarray(picture[:, ::-1]) for picture in pictures.values())
     if board.kind != "checkerboard" and any(len(finder(picture)[0]) > max(most, 3) for picture in mirrored):
         return (
@@ -174,8 +169,8 @@ def _nothing_seen(
         )
     found = f"at most {most} corners of it are seen" if most else "none shows it"
     return (
-        f"--images {folder}: no image shows the board {board.text} ({found} in {len(images)} images); check the number "
-        "of squares (not of inner corners), --dictionary, and that it is sharp and fills a fair part of the image"
+        f"--images {folder}: no image shows the board {board.text} ({found} in {len(pictures)} images); check the "
+        "number of squares (not of inner corners), --dictionary, and that it is sharp and fills a fair part of the image"
     )
 
 

@@ -13,6 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from calib.array_types import Array
+from calib.planes.robust_fit import MAD_TO_SIGMA
 
 _ROUNDS = 3
 _FROM_CORNERS = 0.12  # of a side, left out at its ends
@@ -63,7 +64,7 @@ def _edge(cv2: ModuleType, picture: Array, start: Array, end: Array) -> tuple[Ar
             return None
         line = np.polyfit(way[kept], shift[kept], degree)
         off = np.abs(shift - np.polyval(line, way))
-        kept &= off < _FAR * max(1.4826 * float(np.median(off[kept])), _LEAST_SPREAD_PX)
+        kept &= off < _FAR * max(MAD_TO_SIGMA * float(np.median(off[kept])), _LEAST_SPREAD_PX)
     return start, along, line
 
 

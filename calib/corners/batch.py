@@ -189,8 +189,7 @@ def search_file(
 def brief(search: CornerSearch) -> CornerSearch:
     """Corner search without its arrays of points: the corner, the counts and the reason stay."""
     none = np.zeros((0, 3))
-    corner = search.corner
-    corner = None if corner is None else _without_bits(corner)
+    corner = None if search.corner is None else _without_bits(search.corner)
     sets = SampleSets(np.zeros((0, 4, 3)), none, none, search.sets.rejected_by)
     return replace(search, voxel_points_mm=none, voxel_normals=none, sets=sets, corner=corner)
 
