@@ -170,7 +170,8 @@ def _nothing_seen(board: Board, finder: Finder, folder: Path, pictures: Mapping[
     found = f"at most {most} corners of it are seen" if most else "none shows it"
     return (
         f"--images {folder}: no image shows the board {board.text} ({found} in {len(pictures)} images); check the "
-        "number of squares (not of inner corners), --dictionary, and that it is sharp and fills a fair part of the image"
+        "number of squares (not of inner corners), --dictionary, and that it is sharp and fills a fair part of the "
+        "image"
     )
 
 
