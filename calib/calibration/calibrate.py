@@ -173,9 +173,10 @@ def _calibrated(
 def with_links_held(options: FitOptions, robot: Robot) -> FitOptions:
     """The options with the word "links" among the fixed parameters replaced by the names of the arm's own parameters.
 
-    The tool's row is not among them: no table knows where target or instrument are mounted.
+    The tool's row is not among them: no table knows where target or instrument are mounted. An arm that stands for
+    poses of the flange has no links to fit.
     """
-    if LINKS not in options.fixed:
+    if LINKS not in options.fixed and not robot.is_cartesian:
         return options
     of_arm = [name for name in robot.parameter_names if not name.endswith(TIP)]
     return replace(options, fixed=tuple(dict.fromkeys([name for name in options.fixed if name != LINKS] + of_arm)))

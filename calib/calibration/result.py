@@ -23,7 +23,8 @@ from calib.fitting.fit import Fit
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, observed_hand_eye
 from calib.fitting.tool_point import ToolShift, tool_shift
-from calib.kinematics.robot import TOOL_POINT, Robot
+from calib.kinematics.cartesian import require_links
+from calib.kinematics.robot import PARAMETER_KINDS, TOOL_POINT, Robot
 from calib.lazy_modules import pd
 from calib.options import FitOptions
 from calib.presented import Presented
@@ -224,9 +225,16 @@ class Calibration(FittedResult, Presented):
         return self.model.robot.parameter_names[0] in self.model.prior_sigmas
 
     @property
+    def fits_links(self) -> bool:
+        """Whether any parameter of the arm's own links was free, those of the tool apart."""
+        names = self.model.robot.parameter_names[: -len(PARAMETER_KINDS)]
+        return not set(names) <= set(self.options.fixed)
+
+    @property
     def tool_shift(self) -> ToolShift | None:
-        """Shift of the tool point, where this is far from robot.toml's; else None."""
-        return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
+        """Shift of the tool point, where this is far from robot.toml's and that has one; else None."""
+        told = self.model.tool_found is not None and not self.dataset.robot.is_cartesian
+        return tool_shift(self.dataset.robot, self.robot) if told else None
 
     @cached_property
     def hand_eye_ambiguity(self) -> str:
@@ -247,7 +255,7 @@ class Calibration(FittedResult, Presented):
         The training error can rise in a fit of distances, or without a prior. With the links held as in robot.toml
         nothing of the arm changes, and a rise is that of the instrument's frame.
         """
-        if self.holds_table:
+        if self.holds_table or not self.fits_links:
             return None
         for role, before, after in (
             ("test", self.before.test, self.after.test),
@@ -266,7 +274,8 @@ class Calibration(FittedResult, Presented):
         return {name: float(np.max(length_mm[after.pose == poses.index(name)])) for name in self.outliers}
 
     def require_improvement(self, *, force: bool = False) -> None:
-        """Raise FitError if the fit should not go on a robot: not converged, or worse than the arm as delivered."""
+        """Raise FitError if the fit should not go on a robot: not converged, worse than delivered, or no links."""
+        require_links(self.dataset.robot, "a calibrated robot")
         if force:
             return
         way_out = "find out why before you use it, or force it"

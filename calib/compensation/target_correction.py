@@ -43,6 +43,7 @@ from calib.effects.link_errors import TOLERANCE_RAD
 from calib.errors import CalibError, FitError
 from calib.fitting.model import Model, geometric_model
 from calib.kinematics import chain as kinematics
+from calib.kinematics.cartesian import require_links
 from calib.kinematics.inverse import solve_inverse
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.lazy_modules import pd
@@ -317,6 +318,7 @@ def _model(calibrated: Robot | Model, x: ArrayLike | None) -> tuple[Model, Array
 
 
 def _check(nominal: Robot, model: Model, q: Array, conditions: Poses | None) -> None:
+    require_links(nominal, "a correction of targets")
     if q.ndim != 2 or q.shape[1] != nominal.n_joints:
         raise FitError(f"joint vectors for {nominal.name} have shape (N, {nominal.n_joints}), found {q.shape}")
     bad = np.flatnonzero(~np.all(np.isfinite(q), axis=1))

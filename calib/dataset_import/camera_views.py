@@ -28,7 +28,7 @@ from calib.kinematics.board_hand_eye import BoardHandEye, board_hand_eye
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.text_files.csv_text import frame_csv
-from calib.text_files.user_table import UserTable, load_table
+from calib.text_files.user_table import UserTable
 
 MOUNTS = ("flange", "room")
 _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
@@ -51,6 +51,12 @@ class CameraChoice:
     marker_poses: Path | None = None
     length_unit: str | None = None
     mount: str | None = None  # "flange" or "room"; None: by the data
+    flange_poses: Path | None = None  # in place of joint values
+
+    @property
+    def is_given(self) -> bool:
+        """Whether a camera measured at all."""
+        return self.images is not None or self.marker_poses is not None
 
     def require_consistent(self) -> None:
         """Raise CalibError where options do not go together."""
@@ -68,8 +74,9 @@ class CameraChoice:
                     raise CalibError(f"--{name}: goes with --images FOLDER")
         if self.marker_poses is None and self.length_unit is not None:
             raise CalibError("--length-unit: goes with --marker-poses FILE")
-        if self.mount is not None and self.images is None and self.marker_poses is None:
-            raise CalibError("--mount: goes with --images or --marker-poses")
+        for name, value in (("mount", self.mount), ("flange-poses", self.flange_poses)):
+            if value is not None and not self.is_given:
+                raise CalibError(f"--{name}: goes with --images or --marker-poses")
 
 
 @dataclass(frozen=True)
@@ -110,12 +117,15 @@ class CameraPoints:
         return frame_csv(points_frame(poses, self.points(ids)))
 
 
-def camera_points(choice: CameraChoice, joints: Path, mapping: Mapping[str, Meaning]) -> CameraPoints:
-    """Board poses by pose id, from images or marker poses and the table of joint values. Raises CalibError."""
-    faults: list[str] = []
-    table = load_table(joints, lambda fault: faults.append(str(fault)), any_encoding=True)
+def ids_of(table: UserTable, mapping: Mapping[str, Meaning]) -> list[str]:
+    """Ids of the poses of a table's rows."""
     meant = recognised(ImportReport(None), table, mapping, positions=False, joints=False)
-    ids = pose_ids(ImportReport(None), table, meant)
+    return pose_ids(ImportReport(None), table, meant)
+
+
+def camera_points(choice: CameraChoice, table: UserTable, mapping: Mapping[str, Meaning]) -> CameraPoints:
+    """Board poses by pose id, from images or marker poses and the table of the arm's poses. Raises CalibError."""
+    ids = ids_of(table, mapping)
     if choice.marker_poses is not None:
         return _of_marker_poses(choice, table, ids)
     assert choice.images is not None
@@ -237,7 +247,8 @@ def _of_marker_poses(choice: CameraChoice, table: UserTable, ids: Sequence[str])
                 "name the pose of each, or give as many"
             )
         names = tuple(ids)
-        notes.append(f"{choice.marker_poses}: names no poses; they are taken in the order of {table.path.name}")
+        if table.path != choice.marker_poses:
+            notes.append(f"{choice.marker_poses}: names no poses; they are taken in the order of {table.path.name}")
     known = {comparable_id(name): name for name in ids} | {name: name for name in ids}
     found = []
     for name in names:
@@ -284,7 +295,8 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
         fitted = _sigmas_of_fit(given, robot, ids, q)
         if fitted is not None:
             given = replace(given, point_sigma_mm=fitted[0], orientation_sigma_deg=fitted[1])
-        left = "a fit of the links leaves" if fitted is not None else "the arm as its table has it leaves"
+        of_links = fitted is not None and not robot.is_cartesian
+        left = "a fit of the links leaves" if of_links else "the arm as it was told leaves"
         notes.append(
             f"the poses' noise is not given: {given.point_sigma_mm:.2g} mm and {given.orientation_sigma_deg:.2g}° per "
             f"axis weigh them, which {left}; give --sigma if you know it"

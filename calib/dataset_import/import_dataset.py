@@ -9,10 +9,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from calib.camera.documents import SUFFIXES
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
-from calib.dataset_import.camera_views import CameraChoice, camera_points
+from calib.dataset_import.camera_views import CameraChoice, camera_points, ids_of
+from calib.dataset_import.cartesian_poses import flange_table, joints_table, named_flange_table, table_of_poses
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.user_files import UserFiles, look_through
@@ -21,6 +23,7 @@ from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot, Vector
 from calib.robot_formats.conventions import RobotReading, robot_readings
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
+from calib.text_files.user_table import load_table
 
 
 @dataclass(frozen=True)
@@ -45,17 +48,43 @@ def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
     if points is None and (choice.joints is None or choice.joints == files.joints):
         points = files.points
     robots, faults = _robots(files, choice)
-    camera = None
-    if choice.camera.images is not None or choice.camera.marker_poses is not None:
-        if joints is None:
-            raise CalibError("--images and --marker-poses need --joints FILE.csv, the joint values of each")
-        camera, points = camera_points(choice.camera, joints, choice.mapping), None
-    return plan_import(
-        ImportSources(
-            robots, joints, points, files.scans, choice.mapping, faults,
-            point_sigma_mm=choice.point_sigma_mm, tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
-            camera=camera,
+    sources = ImportSources(
+        robots, joints, points, files.scans, choice.mapping, faults,
+        point_sigma_mm=choice.point_sigma_mm, tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
+    )  # fmt: skip
+    return plan_import(_with_camera(sources, choice) if choice.camera.is_given else sources)
+
+
+def _with_camera(sources: ImportSources, choice: ImportChoice) -> ImportSources:
+    """Sources with the board poses that a camera saw, and an arm that stands for poses of the flange where these are
+    given in place of joint values. Raises CalibError."""
+    asked, robot = choice.camera, sources.robots[0].robot.robot if sources.robots else None
+    path, arm = asked.flange_poses or sources.joints, None
+    if path is None and asked.marker_poses is not None:
+        arm = flange_table(asked.marker_poses, asked.length_unit)
+    if arm is None and path is None:
+        raise CalibError(
+            "--images and --marker-poses need the arm's poses: --joints FILE.csv, the joint values of each, or "
+            "--flange-poses FILE, the poses of the flange as the controller tells them"
         )
+    table = arm.table if arm is not None else None
+    if path is not None and path.suffix.lower() not in SUFFIXES:
+        table = load_table(path, lambda _: None, any_encoding=True)
+    if path is not None and asked.flange_poses is not None:
+        arm = named_flange_table(path, asked.length_unit, table)
+    elif path is not None and table is not None:
+        arm = table_of_poses(table, robot, choice.mapping)
+    table = table if arm is None else arm.table
+    if table is None:
+        raise CalibError(f"{path}: no table of joint values, a CSV; poses of the flange go with --flange-poses")
+    camera = camera_points(asked, table, choice.mapping)
+    sources = replace(sources, points=None, camera=camera)
+    if arm is None:
+        return sources
+    stands_for, joints, notes, doubts = joints_table(arm, camera, ids_of(table, choice.mapping), robot)
+    return replace(
+        sources, robots=(RobotReading("", RobotFile(stands_for, None)),), joints=table.path,
+        tables={table.path: joints}, notes=(*sources.notes, *notes), doubts=(*sources.doubts, *doubts),
     )  # fmt: skip
 
 

@@ -116,7 +116,7 @@ def plan_import(sources: ImportSources) -> ImportPlan:
     if sources.tool_mm is not None:
         robots = [replace(each, robot=with_tool_offset(each.robot, sources.tool_mm)) for each in sources.robots]
         sources = replace(sources, robots=tuple(robots))
-    if is_recording(sources.joints, sources.mapping):
+    if not sources.tables and is_recording(sources.joints, sources.mapping):
         report = _new_report(sources)
         if not sources.robots:
             report.faults += [] if sources.faults else [_NO_ROBOT]

@@ -81,7 +81,8 @@ def recognised(
             report.fault(
                 f"{table.path}: line 1: its columns are Cartesian poses ({have}), and the joints' values are needed: "
                 "poses do not tell by which of several ways the arm reached them, nor what its table made of the "
-                "joints; controllers and ROS (/joint_states) log these beside them"
+                "joints; controllers and ROS (/joint_states) log these beside them. Where a camera saw a board at "
+                "them, --images or --marker-poses finds the camera's place without"
             )
         elif missing:
             report.fault(

@@ -85,7 +85,8 @@ def headline_of(calibrations: Sequence[Calibration]) -> Headline:
     for step in _on_the_way([calibration.model.family_names for calibration in calibrations]):
         effects = calibrations[step].model.family_names
         new = tuple(name for name in effects if name not in inside)
-        name = _name(new, with_links=len(stages) == 1)
+        links = ("calibrated links" if last.fits_links else "links held") if len(stages) == 1 else ""
+        name = _name(new, links)
         stages.append(ErrorStage(name, _error_mm(calibrations[step], of_test_poses), step, new))
         inside = effects
     figures = last.after.test if of_test_poses else last.after.train
@@ -102,8 +103,8 @@ def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:
     return way[::-1]
 
 
-def _name(new: Sequence[str], *, with_links: bool) -> str:
-    parts = [*(["calibrated links"] if with_links else []), *("learned curves" if n == LEARNED else n for n in new)]
+def _name(new: Sequence[str], links: str) -> str:
+    parts = [*([links] if links else []), *("learned curves" if n == LEARNED else n for n in new)]
     return f"with {', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else f"with {''.join(parts)}"
 
 

@@ -166,6 +166,8 @@ class Robot(Brief):
     base: Base = field(default_factory=Base)
     carries_scanner: bool = False
     """Whether the scanner is on the flange and measures targets in the world; else it measures the tool."""
+    is_cartesian: bool = False
+    """Whether the joints stand for poses of the flange that a controller told (`calib.kinematics.cartesian`)."""
     measured_loads: tuple[MeasuredLoad, ...] = ()
     """Loads of joints whose torques were measured with a dataset; no part of robot.toml."""
     link_encoders: tuple[LinkEncoder, ...] = ()

@@ -378,7 +378,11 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
     if test is None or before is None:
         asked = max_test_rmse_mm is not None
         return [CheckItem("test poses", False if asked else None, errors, warning=not asked)]
-    good = test.rmse_mm < before.rmse_mm if max_test_rmse_mm is None else test.rmse_mm <= max_test_rmse_mm
+    good: bool | None = test.rmse_mm < before.rmse_mm
+    if max_test_rmse_mm is not None:
+        good = test.rmse_mm <= max_test_rmse_mm
+    elif not calibration.fits_links:  # then it cannot fall
+        good = None
     items = [CheckItem("test poses", good, errors)]
     if train is not None and train.rmse_mm > 0.0:
         items.append(_against_training(calibration, train, test))

@@ -20,6 +20,7 @@ from calib.dataset.files.origin import verify
 from calib.effects.catalogue import descriptions
 from calib.errors import printable, visible
 from calib.identifiability.structural import free_frame_rank, redundancy
+from calib.kinematics.cartesian import require_links
 from calib.measurement.measured_points import (
     failed_searches,
     label_faces,
@@ -90,6 +91,7 @@ def run_corners(options: CornersOptions) -> int:
 def run_redundancy(options: RedundancyOptions) -> int:
     """Print the redundancy of the parameters (Park section 3), and the rank with the scanner's frame unknown."""
     dataset = load(options.path, options.leave_out)
+    require_links(dataset.robot, "the redundancy of parameters")
     check_outputs(dataset, [options.out])
     result = redundancy(dataset, residual=options.residual)
     if options.out is not None:

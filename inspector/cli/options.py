@@ -366,6 +366,7 @@ class ImportOptions(RobotFileOptions):
     dictionary: str | None
     intrinsics: Path | None
     marker_poses: Path | None
+    flange_poses: Path | None
     length_unit: str | None
     mount: str | None
     skip_bad_rows: bool

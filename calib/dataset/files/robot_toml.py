@@ -55,6 +55,7 @@ def load_robot_toml(path: Path) -> Robot:
         targets=tuple(targets),
         coupling=_coupling(top, joints),
         base=_base(top.table("base")),
+        is_cartesian=top.flag("cartesian", False),
     )
     _refuse_metres(robot, path)
     return replace(robot, extra=top.unread())
@@ -185,6 +186,8 @@ def degrees(angle_rad: float) -> float:
 def robot_to_toml(robot: Robot) -> str:
     """The robot as the text of a robot.toml; `load_robot_toml` gives the same robot back."""
     document: dict[str, Any] = {"name": robot.name, "gravity_m_s2": list(robot.gravity_m_s2), **robot.extra}
+    if robot.is_cartesian:
+        document["cartesian"] = True
     if robot.coupling:
         document["coupling"] = [list(row) for row in robot.coupling]
     if robot.base != Base():

@@ -49,7 +49,16 @@ def effects_for(dataset: Dataset) -> tuple[Family, ...]:
     points = dataset.points
     if points is not None and dataset.poses.is_test[points.pose].all():
         dataset = replace(dataset, points=None)  # families take no places and ranges from test poses
-    return tuple(kind.family(dataset) for kind in CATALOGUE)
+    families = tuple((kind, kind.family(dataset)) for kind in CATALOGUE)
+    if dataset.robot.is_cartesian:
+        return tuple(family if kind.outside_arm else _of_unknown_arm(family) for kind, family in families)
+    return tuple(family for _, family in families)
+
+
+def _of_unknown_arm(family: Family) -> Family:
+    """The family as one that poses of the flange cannot test."""
+    why_not = "the dataset has poses of the flange and no joint values"
+    return replace(family, members=(), why_not=why_not, would_help="log the joints beside the poses")
 
 
 def family_of(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Family:

@@ -633,7 +633,7 @@ def parameters(calibration: Calibration, table: ExportedTable | None = None) -> 
         *([] if table is None else table_alone(table)),
         *([Paragraph("Sums that are known better than their parts:")] if sums else []),
         *([Bullets([_sum(known) for known in sums])] if sums else []),
-        Paragraph(tool_sentence(tool)),
+        *([] if calibration.dataset.robot.is_cartesian else [Paragraph(tool_sentence(tool))]),
     ]
 
 
@@ -653,6 +653,8 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
         key = effect if dot else ""
         if key == LEARNED:
             continue  # a mode's size says nothing by itself: the curves have a table of their own
+        if not dot and calibration.dataset.robot.is_cartesian:
+            continue  # rows of no arm
         if key and not row["known"]:
             undetermined[key] += 1
             rows.setdefault(key, [])

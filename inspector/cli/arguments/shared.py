@@ -213,7 +213,14 @@ def camera_arguments(sub: ArgumentParser) -> None:
         help="poses of a marker in the camera's frame that another program measured: CSV, YAML of ROS or easy_handeye, "
         "OpenCV's files",
     )
-    sub.add_argument("--length-unit", choices=("mm", "cm", "m"), help="of --marker-poses, where the file does not tell")
+    sub.add_argument(
+        "--flange-poses",
+        type=Path,
+        metavar="FILE",
+        help="poses of the flange as the controller tells them, in place of --robot and --joints: the camera's place "
+        "is found, and nothing of the links",
+    )
+    sub.add_argument("--length-unit", choices=("mm", "cm", "m"), help="of those poses, where the file does not tell")
     sub.add_argument(
         "--mount", choices=("flange", "room"), help="where the camera is (default: what the poses clearly show)"
     )

@@ -33,7 +33,8 @@ from inspector.export.import_document import plan_document, plan_lines
 
 def run_import(options: ImportOptions) -> int:
     """Make a dataset folder from a user's files."""
-    if options.source is None and (options.robot is None or options.joints is None):
+    choice = _choice(options)
+    if options.source is None and not choice.camera.is_given and (options.robot is None or options.joints is None):
         raise CalibError("give --robot and --joints, or --from with a zip or a folder that holds them")
     if not options.dry_run:
         require_free(options.path)
@@ -41,7 +42,7 @@ def run_import(options: ImportOptions) -> int:
     with given as files:
         if files.datasets:
             return _ready(options, files)
-        plan = without_folder(plan_of_files(files, _choice(options)), files.folder)
+        plan = without_folder(plan_of_files(files, choice), files.folder)
         for doubt in plan.doubts:
             print(visible(f"inspector: warning: {doubt}"), file=sys.stderr)
         if options.dry_run:
@@ -67,7 +68,7 @@ def _choice(options: ImportOptions) -> ImportChoice:
     reading = reading_of(options, named=options.robot is not None)
     camera = CameraChoice(
         options.images, options.board, options.dictionary, options.intrinsics, options.marker_poses,
-        options.length_unit, options.mount,
+        options.length_unit, options.mount, options.flange_poses,
     )  # fmt: skip
     camera.require_consistent()
     return ImportChoice(
@@ -112,8 +113,7 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 def _next_step(options: ImportOptions) -> str:
     """Command that a user would give next."""
-    by_camera = options.images is not None or options.marker_poses is not None
-    return f"inspector {'calibrate' if by_camera else 'diagnose'} {options.path}"
+    return f"inspector {'calibrate' if _choice(options).camera.is_given else 'diagnose'} {options.path}"
 
 
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:

@@ -1,0 +1,136 @@
+"""Poses of the flange in place of joint values: which way of reading them agrees with what a camera saw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array
+from calib.camera.flange_poses import FlangePoses, has_flange_poses, readings_of
+from calib.camera.marker_poses import EASY_HANDEYE, MarkerPoses, load_flange_poses
+from calib.dataset_import.camera_views import MOUNTS, CameraPoints
+from calib.dataset_import.columns import Meaning, recognise
+from calib.errors import CalibError
+from calib.kinematics.board_hand_eye import board_hand_eye
+from calib.kinematics.cartesian import cartesian_arm, joints_of_poses
+from calib.kinematics.robot import Robot
+from calib.text_files.user_table import UserTable
+
+_CLEAR = 3.0  # ratio of misfits from which one reading is clearly the right one
+_SAME_MM = 1e-3  # readings whose poses differ by less, 3D and over this many mm of a lever, are one
+_LEVER_MM = 1000.0
+_NAMES = ("q1_mm", "q2_mm", "q3_mm", "q4_deg", "q5_deg", "q6_deg")
+
+
+@dataclass(frozen=True)
+class FlangeTable:
+    """A table of the arm's poses, a row each, and every reading of its flange poses."""
+
+    table: UserTable
+    readings: tuple[FlangePoses, ...]
+    may_be_inverse: bool = False  # whether the program that wrote it inverts them where the camera stands in the room
+
+
+def flange_table(path: Path, unit: str | None) -> FlangeTable | None:
+    """Flange poses of a document of another program, for its rows named p1, p2, ...; None where it holds none."""
+    found = load_flange_poses(path, unit, beside=True)
+    return None if found is None else _of_document(path, found)
+
+
+def named_flange_table(path: Path, unit: str | None, table: UserTable | None) -> FlangeTable:
+    """Flange poses of the file that a user names; `table` is its table where it is one. Raises CalibError."""
+    if table is not None:
+        return FlangeTable(table, tuple(readings_of(table)))
+    found = load_flange_poses(path, unit)
+    if found is None:
+        raise CalibError(f"{path}: holds no pose of the flange; poses of ROS, samples of a hand-eye tool, or a CSV")
+    return _of_document(path, found)
+
+
+def table_of_poses(table: UserTable, robot: Robot | None, mapping: Mapping[str, Meaning]) -> FlangeTable | None:
+    """Readings of a joints' table that has flange poses and no joints; None for any other."""
+    if not has_flange_poses(table):
+        return None
+    found = recognise(table.columns, robot or cartesian_arm(""), mapping, None)
+    if any(name in found.columns for name in ("q1", "q2")):
+        return None
+    return FlangeTable(table, tuple(readings_of(table)))
+
+
+def _of_document(path: Path, found: MarkerPoses) -> FlangeTable:
+    ids = found.names or tuple(f"p{k + 1}" for k in range(len(found.camera_T_marker)))
+    table = UserTable(path, ("pose",), tuple((one,) for one in ids), tuple(range(1, len(ids) + 1)), has_header=True)
+    return FlangeTable(table, (FlangePoses(found.camera_T_marker, found.note),), found.key == EASY_HANDEYE)
+
+
+def joints_table(
+    arm: FlangeTable, camera: CameraPoints, ids: Sequence[str], given: Robot | None
+) -> tuple[Robot, UserTable, list[str], list[str]]:
+    """Arm and joints' table that stand for the poses of the flange, with notes and doubts.
+
+    Of several readings the one is taken in which the arm meets the board. Raises CalibError where none does clearly.
+
+    ids: of the table's poses. given: the robot that the user named, of which nothing but the name is taken.
+    """
+    row = [list(ids).index(name) for name in camera.names]
+    readings = list(arm.readings)
+    if camera.mount is not None:
+        inverse = (replace(one, base_T_flange=frames.invert(one.base_T_flange)) for one in arm.readings)
+        readings += [replace(one, form=f"{one.form}, of the base in the flange's frame") for one in inverse]
+    mounts = MOUNTS if camera.mount is None else (camera.mount,)
+    off_mm = []
+    for one in readings:
+        poses = one.base_T_flange[row]
+        each = [board_hand_eye(poses, camera.camera_T_board, on_flange=mount == "flange") for mount in mounts]
+        off_mm.append(min(found.rms_mm for found in each))
+    best = int(np.argmin(off_mm))
+    others = [
+        off for one, off in zip(readings, off_mm, strict=True)
+        if not _same(one.base_T_flange, readings[best].base_T_flange)
+    ]  # fmt: skip
+    path, chosen = arm.table.path, readings[best]
+    if others and min(others) < _CLEAR * off_mm[best]:
+        raise CalibError(
+            f"{path}: the attitudes may be meant in several ways, and what the camera saw does not tell which: the "
+            f"best miss the board by {off_mm[best]:.3g} and {min(others):.3g} mm; name the columns rvec_x, rvec_y, "
+            "rvec_z, or roll, pitch, yaw, or a, b, c, or qw, qx, qy, qz, and check that poses and images are of one run"
+        )
+    note = f"{path}: {chosen.form}"
+    if others:
+        note += (
+            f"; so the arm misses the board by {off_mm[best]:.3g} mm rms, otherwise by {min(others):.3g} mm and more"
+        )
+    doubts = []
+    if given is not None:
+        doubts.append(
+            f"{path}: has poses of the flange and no joint values: the camera's place is found for the arm as its "
+            "controller takes it to be, and nothing of its links; log the joints too to calibrate the arm"
+        )
+    if arm.may_be_inverse and camera.mount is None:
+        doubts.append(
+            f"{path}: easy_handeye writes the inverse of the arm's poses where the camera stands in the room, which no "
+            "number shows: give --mount room if it does"
+        )
+    robot = cartesian_arm(given.name if given is not None else "poses of the flange")
+    return robot, _table(arm.table, chosen, joints_of_poses(chosen.base_T_flange)), [note], doubts
+
+
+def _same(a: Array, b: Array) -> bool:
+    turned = np.abs(a[:, :3, :3] - b[:, :3, :3]).max() * _LEVER_MM
+    return bool(max(turned, np.abs(a[:, :3, 3] - b[:, :3, 3]).max()) < _SAME_MM)
+
+
+def _table(table: UserTable, chosen: FlangePoses, q: Array) -> UserTable:
+    """Table with joint values in place of the columns that the poses were read from."""
+    kept = [k for k, name in enumerate(table.columns) if name not in chosen.columns]
+    values = np.concatenate([q[:, :3], np.degrees(q[:, 3:])], axis=1)
+    columns = (*(table.columns[k] for k in kept), *_NAMES)
+    rows = tuple(
+        (*(cells[k] for k in kept), *map(repr, of_row.tolist()))
+        for cells, of_row in zip(table.rows, values, strict=True)
+    )
+    return replace(table, columns=columns, rows=rows, has_header=True)
