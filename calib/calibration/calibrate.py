@@ -20,6 +20,7 @@ from calib.dataset.repeats import average_repeats
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
+from calib.effects.place_errors import place_errors_of
 from calib.errors import FitError
 from calib.fitting.distance_residuals import DistanceResiduals
 from calib.fitting.fit_task import FitTask, Fitted
@@ -132,7 +133,8 @@ def _calibrated(
     robot = with_observed_targets(dataset.robot, observed)
     if robot.carries_scanner:
         _require_placed(dataset, observed)
-    geometry = geometry_of(robot, observed, options)
+    places = place_errors_of(dataset) if options.prior else None  # without a prior they would take any scale
+    geometry = (*geometry_of(robot, observed, options), *([] if places is None else [places]))
     fixed = (*options.fixed, *fixed_behind_tool_point(robot, observed))
     model = _with_prior(Model(robot, (*geometry, *members), prior_sigmas=prior_sigmas), options).with_fixed(fixed)
     if len(observed.points) < 3:

@@ -74,6 +74,7 @@ class Scanner:
     correlated_sigma_mm: float | None = None  # of a scan point's error that its neighbours share, along the ray
     correlation_length_mm: float | None = None  # l of its correlation exp(-r^2 / 2 l^2); known where its size is
     registration_sigma_mm: float | None = None  # by which surfaces joined of several views are off, each axis
+    place_sigma_mm: float | None = None  # of each known place that the points are of, such as a socket, each axis
     sigmas_estimated: bool = False  # from what a fit of the links leaves: they weigh, and prove nothing by their size
 
 

@@ -36,6 +36,7 @@ class ImportChoice:
     points: Path | None = None
     mapping: Mapping[str, Meaning] = field(default_factory=dict)
     point_sigma_mm: float | None = None  # of one measured point, each axis
+    place_sigma_mm: float | None = None  # of each known place that was visited
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
     skip_bad_rows: bool = False
     camera: CameraChoice = field(default_factory=CameraChoice)
@@ -50,7 +51,8 @@ def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
     robots, faults = _robots(files, choice)
     sources = ImportSources(
         robots, joints, points, files.scans, choice.mapping, faults,
-        point_sigma_mm=choice.point_sigma_mm, tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
+        point_sigma_mm=choice.point_sigma_mm, place_sigma_mm=choice.place_sigma_mm,
+        tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
     )  # fmt: skip
     return plan_import(_with_camera(sources, choice) if choice.camera.is_given else sources)
 

@@ -57,6 +57,7 @@ class ImportSources:
     mapping: Mapping[str, Meaning] = field(default_factory=dict)
     faults: tuple[str, ...] = ()  # of a robot that could not be read
     point_sigma_mm: float | None = None  # of one measured point, each axis; None where it is not known
+    place_sigma_mm: float | None = None  # of each known place that was visited; None where it is not known
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
     skip_bad_rows: bool = False
     tables: Mapping[Path, UserTable] = field(default_factory=dict)  # made of recordings, by the path that names them
@@ -338,7 +339,8 @@ def _with_numbers(
     report.notes += of_meshes
     content = Content(
         report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path,
-        point_sigma_mm=None if points_csv is None else sources.point_sigma_mm, notes=left_out.notes, camera=camera,
+        point_sigma_mm=None if points_csv is None else sources.point_sigma_mm,
+        place_sigma_mm=None if points_csv is None else sources.place_sigma_mm, notes=left_out.notes, camera=camera,
         meshes=meshes,
     )  # fmt: skip
     try:

@@ -147,6 +147,7 @@ class Content:
     description: str
     template: Path | None = None  # the user's own robot file, kept for a calibrated one of the same form
     point_sigma_mm: float | None = None
+    place_sigma_mm: float | None = None
     notes: tuple[str, ...] = ()
     camera: CameraPoints | None = None
     meshes: tuple[bytes | None, ...] = ()  # (n,) STL of what each joint moves, mm, in its frame
@@ -191,8 +192,9 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
         document["points"] = "points.csv"
     if content.notes:
         document["notes"] = list(content.notes)
-    if content.point_sigma_mm is not None:
-        document["scanner"] = {"point_sigma_mm": content.point_sigma_mm}
+    sigmas = {"point_sigma_mm": content.point_sigma_mm, "place_sigma_mm": content.place_sigma_mm}
+    if declared := {key: value for key, value in sigmas.items() if value is not None}:
+        document["scanner"] = declared
     if content.camera is not None:
         document["scanner"] = _instrument(content.camera, document.get("scanner", {}))
         if content.camera.views is not None:

@@ -18,6 +18,7 @@ from calib.effects.catalogue import MEMBER_KINDS as CATALOGUE_MEMBERS
 from calib.effects.checked_apply import is_user_defined
 from calib.effects.effect import Effect, Family, family_name
 from calib.effects.link_errors import LinkErrors, TargetOffsets
+from calib.effects.place_errors import PlaceErrors
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.screening.curves.smooth_joint_error import SmoothJointError
@@ -26,6 +27,7 @@ from calib.strict_json import JsonFile, Place
 MEMBER_KINDS: tuple[tuple[str, type], ...] = (
     (LinkErrors.name, LinkErrors),
     (TargetOffsets.name, TargetOffsets),
+    (PlaceErrors.name, PlaceErrors),
     *((kind.name, kind) for kind in CATALOGUE_MEMBERS),
     (SmoothJointError.name, SmoothJointError),
 )

@@ -18,6 +18,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect, Parameter, apply_values, corrects_robot
 from calib.effects.link_errors import LinkErrors, TargetOffsets
+from calib.effects.place_errors import PlaceErrors
 from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.fitting.fit import Fit
@@ -108,7 +109,7 @@ def _whole_model(old: FittedModel, fitted: Calibration, effects: tuple[Effect, .
     offsets = [TargetOffsets(tuple(t for t in nominal.targets if t.name in names), e.tolerances) for e in measured]
     model = Model(
         nominal,
-        (links, *offsets, *effects),
+        (links, *offsets, *(e for e in fitted.model.effects if isinstance(e, PlaceErrors)), *effects),
         prior_sigmas={**old.model.prior_sigmas, **fitted.model.prior_sigmas},
         loads_of=fitted.model.loads_of,
         tool_found=fitted.model.tool_found or old.model.tool_found,
@@ -165,6 +166,11 @@ def _to_whole(fitted: Calibration, whole: Model, held: Array) -> Callable[[Array
         for effect in whole.effects:
             if isinstance(effect, TargetOffsets):
                 corrections += [places[target.name] - np.array(target.xyz_mm) for target in effect.targets]
+        corrections += [
+            of
+            for e, of in zip(fitted.model.effects, fitted.model.values_by_effect(x), strict=True)
+            if isinstance(e, PlaceErrors)
+        ]
         return np.concatenate([np.concatenate(corrections)[kept], held[is_free]])
 
     return to_whole

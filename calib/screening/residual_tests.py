@@ -31,6 +31,7 @@ WEAK_LEVEL = 0.002  # p of the strongest pattern, from which on the residual's s
 NOISES_SIZE = 1.1  # residual over noise, up to which it is as large as noise is
 OUTLIER_LEVEL = 0.002
 _TOO_LARGE_P = 0.01
+_BLIND = 1e-5  # mean response to noise over the largest one, below which the fit takes what a test would see
 FAULT_EVIDENCE = 6.0  # log evidence from which a fault of one joint is reported
 FAULT_EVIDENCE_ALONE = 3.0  # the same where no noise is known, so that the residual's size says nothing
 _BLOCK = 3_000_000  # numbers of noise held at once
@@ -193,13 +194,12 @@ def _structure(
     statistic = ScanStatistic.at(projected, outlier)
     ours = statistic.scores(projected.residual[:, None])
     blocks = [statistic.scores(block) for block in noise()]
+    most = max(float(scores.mean(axis=1).max()) for scores in blocks[0].values())
     standard, where = {}, {}
     for name, channels in statistic.channels_of.items():
         theirs = np.concatenate([scores[name] for scores in blocks], axis=1)
-        mean, spread = (
-            theirs.mean(axis=1, keepdims=True),
-            np.maximum(theirs.std(axis=1, keepdims=True), 1e-300),
-        )
+        mean, spread = theirs.mean(axis=1, keepdims=True), theirs.std(axis=1, keepdims=True)
+        spread = np.where(mean > _BLIND * most, np.maximum(spread, 1e-300), np.inf)
         score = (np.column_stack([ours[name], theirs]) - mean) / spread
         standard[name] = np.max(score, axis=0)
         where[name] = channels[int(np.argmax(score[:, 0])) // (len(score) // len(channels))]

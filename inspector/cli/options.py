@@ -360,6 +360,7 @@ class ImportOptions(RobotFileOptions):
     scans: Path | None
     map: Sequence[str]
     sigma: float | None  # of a measured point, mm
+    place_sigma: float | None  # of a known place, mm
     tool: tuple[float, float, float] | None  # mm
     images: Path | None
     board: str | None

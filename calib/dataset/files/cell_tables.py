@@ -60,6 +60,7 @@ def load_scanner(table: TomlTable) -> Scanner:
         correlated_sigma_mm=correlated_mm,
         correlation_length_mm=length_mm,
         registration_sigma_mm=_sigma(table, "registration_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        place_sigma_mm=_sigma(table, "place_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
         sigmas_estimated=table.text("sigmas", _SIGMAS[0], choices=_SIGMAS) == _SIGMAS[1],
         extra=table.unread(),
     )
@@ -91,6 +92,7 @@ def scanner_document(scanner: Scanner) -> dict[str, Any]:
         "correlated_sigma_mm": scanner.correlated_sigma_mm,
         "correlation_length_mm": scanner.correlation_length_mm,
         "registration_sigma_mm": scanner.registration_sigma_mm,
+        "place_sigma_mm": scanner.place_sigma_mm,
         "orientation_sigma_deg": None if sigma_rad is None else math.degrees(sigma_rad),
         "field_mm": None if scanner.field_mm is None else list(scanner.field_mm),
         "distance_mm": scanner.distance_mm,

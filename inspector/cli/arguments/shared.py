@@ -171,6 +171,13 @@ def import_arguments(sub: ArgumentParser) -> None:
         help="standard deviation of a measured point, each axis, in mm (default: unknown, taken from the residual)",
     )
     sub.add_argument(
+        "--place-sigma",
+        type=values.sigma_mm,
+        metavar="MM",
+        help="standard deviation of the known places that were visited, such as the sockets of a printed plate, each "
+        "axis, in mm (default: exact)",
+    )
+    sub.add_argument(
         "--tool",
         type=values.tool_mm,
         metavar="X,Y,Z",

@@ -73,7 +73,8 @@ def _choice(options: ImportOptions) -> ImportChoice:
     camera.require_consistent()
     return ImportChoice(
         options.robot, reading, options.joints, options.points, parsed_mapping(options.map),
-        point_sigma_mm=options.sigma, tool_mm=options.tool, skip_bad_rows=options.skip_bad_rows,
+        point_sigma_mm=options.sigma, place_sigma_mm=options.place_sigma, tool_mm=options.tool,
+        skip_bad_rows=options.skip_bad_rows,
         camera=camera,
     )  # fmt: skip
 

@@ -198,8 +198,13 @@ def session(
     return Shop(arm, nominal if told is None else told, visit, points_mm, columns, sigma_mm, rng)
 
 
-def in_sockets(seed: int, *, sigma_mm: float = 0.1, postures: int = 6, places: int = 4) -> Shop:
-    """A session without an instrument: the ball in four sockets of a printed plate, which lay at up to four places."""
+def in_sockets(
+    seed: int, *, sigma_mm: float = 0.1, postures: int = 6, places: int = 4, seat_mm: float = 0.0
+) -> Shop:
+    """A session without an instrument: the ball in four sockets of a printed plate, which lay at up to four places.
+
+    sigma_mm  # of each socket's place on the plate, the same at every visit; seat_mm  # of how the ball sits at each
+    """
     rng = np.random.default_rng(seed)
     nominal = Arm()
     arm = real_arm(nominal, 1.0, rng)
@@ -213,7 +218,8 @@ def in_sockets(seed: int, *, sigma_mm: float = 0.1, postures: int = 6, places: i
         for nominal_mm, socket_mm in zip(plate_mm, printed_mm, strict=True):
             at_m = (turned @ np.array([*(socket_mm / 1e3), 1.0]))[:3]
             for _ in range(postures):
-                q_rad.append(_reaching(arm, at_m, limits, rng))
+                sits_m = at_m if not seat_mm else at_m + 1e-3 * seat_mm * rng.normal(size=3)
+                q_rad.append(_reaching(arm, sits_m, limits, rng))
                 points_mm.append(nominal_mm)
                 setups.append(name)
     visits = len(q_rad)
