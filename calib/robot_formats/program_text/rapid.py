@@ -30,7 +30,12 @@ MASKED = re.compile(r"\"[^\"\r\n]*\"?|![^\r\n]*")
 _DECLARATION = re.compile(r"\b(?:CONST|PERS|VAR)\s+(\w+)\s+(\w+)\s*(\{[^{};]{0,200}\})?\s*:=\s*", re.IGNORECASE)
 _ASSIGNED = re.compile(r"(?<![\w.])([A-Za-z]\w*)\s*(?:\{[^{};]{0,200}\}\s*)?:=$")
 _COMPONENT_ASSIGNED = re.compile(r"(?<![\w.\\])([A-Za-z]\w*)(?:\s*\{[^{};]{0,200}\})?\s*(?:\.\s*\w+\s*)*:=")
-_MOVE = re.compile(r"\b((?:Move|Trigg|Search|Arc|Spot|Paint|Disp)\w*)\b([^;]{0,3000});", re.IGNORECASE)
+_MOVE = re.compile(
+    r"(?<![\w.:=,(\\])((?:Move(?:AbsJ|[JLC](?:DO|AO|GO|Sync)?)|Trigg[JLC](?:IOs)?|Search[LC]|Arc[LC]\d?(?:Start|End)?"
+    r"|Spot(?:M?[JL])|(?:Paint|Disp|Cap|Laser)[LC]|Nut[JL]|FCPress(?:1L|[LC])|ContactL)\b)([^;]{0,3000});",
+    re.IGNORECASE,
+)
+_SIGNAL = re.compile(r"Move(.)(?:DO|AO|GO)", re.IGNORECASE)  # whose last arguments are a signal and its value
 _WORK_OBJECT = re.compile(r"\\\s*WObj\s*:=\s*([A-Za-z]\w*)", re.IGNORECASE)
 _OFFSET = re.compile(r"\b(Offs|RelTool)\s*\(", re.IGNORECASE)
 _NAME = re.compile(r"[A-Za-z]\w*")
@@ -262,7 +267,8 @@ def _moves(source: Source) -> list[_Move]:
         for argument in arguments:
             if _WORK_OBJECT.search(argument):
                 tool = argument.partition("\\")[0].strip()
-        tool = tool or (arguments[-1].partition("\\")[0].strip() if len(arguments) > 2 else "")
+        last = -3 if _SIGNAL.fullmatch(match[1]) else -1
+        tool = tool or (arguments[last].partition("\\")[0].strip() if len(arguments) > 2 else "")
         name = tool if _NAME.fullmatch(tool) else "the tool"
         found.append(_Move(match.start(), match.end(), name, work[1] if work else "wobj0"))
     return found

@@ -1,7 +1,7 @@
 """Targets in URScript: joint lists and poses that are assigned, or given to a motion directly.
 
 A variable that holds six numbers may also be a wrench or a speed. So an assigned list counts as a target where a motion
-of the same program uses the variable, or where the program has no motion, as in a list of points. The pose that
+of the same program uses the variable, or where the program does nothing, as a list of points. The pose that
 `pose_trans` puts behind a frame is a target in that frame, unless the frame is itself a target, with which it moves.
 """
 
@@ -36,10 +36,10 @@ _INVERSE = {"get_inverse_kin", "get_inverse_kin_has_solution"}
 _TARGETS_OF = _MOTIONS | dict.fromkeys(_INVERSE, 1) | {"get_forward_kin": 1}
 """Functions, and how many of their first arguments are targets."""
 _KEYWORDS = {"q", "x", "pose", "pose_to", "pose_via"}
-_NEAR = "qnear"
+_NEAR, _TCP = "qnear", "set_tcp"
 _OFFSETS = {"pose_trans", "pose_add"}
+_PLAIN = {"d2r", "pose_trans", _TCP}  # calls in a list of points
 _COUNTS = {"length", "size", "get_list_length"}
-_TCP = "set_tcp"
 _UNKNOWN_TCP = NamedFrame("the controller's own TCP (no set_tcp before it)", None)
 _ASSIGNED = re.compile(r"([A-Za-z_]\w*)\s*(?<![=<>!])=$")
 _NAME = re.compile(r"[A-Za-z_]\w*")
@@ -84,7 +84,7 @@ class _Program:
         self._assigned = _assignments(source)
         self._parameters = _parameters(source)
         self._by_start = {group.start: group for group in source.groups}
-        self._moves = any(word.text in _MOTIONS and self._is_call(word) for word in source.words)
+        self._acts = any(self._is_call(word) and word.text not in _PLAIN for word in source.words)
         self._structure = list(self._marks_of_blocks())
 
     def targets(self) -> ProgramTargets:
@@ -361,7 +361,7 @@ class _Program:
             return f"{self._source.at_line(changed.place)} sets one of its numbers anew"
         is_moved_to = any(use.is_target for use in uses)
         if not is_moved_to and not uses:
-            return "no motion of the program uses it" if self._moves else ""
+            return "no motion of the program uses it" if self._acts else ""
         others = [
             use for use in uses if not use.is_target and not use.is_hint and not (use.moves_along and is_moved_to)
         ]
