@@ -68,7 +68,10 @@ def rapid_targets(source: Source) -> ProgramTargets:
     counts: dict[str, int] = {}
     changed, replaced = _assigned_later(source)
     free = _without_configuration(source)
-    frames: dict[str, dict[str, np.ndarray | None]] = {"tool": {"tool0": np.eye(4)}, "work": {"wobj0": np.eye(4)}}
+    frames: dict[str, dict[str, np.ndarray | str | None]] = {
+        "tool": {"tool0": np.eye(4)},
+        "work": {"wobj0": np.eye(4)},
+    }
     declared = [(m.start(), m.end(), m) for m in _DECLARATION.finditer(source.code)]
     starts = [start for start, _, _ in declared]
     for group in source.groups:
@@ -81,11 +84,12 @@ def rapid_targets(source: Source) -> ProgramTargets:
             if group.parent is None:
                 kind = "tool" if declaration[1].lower() == "tooldata" else "work"
                 name = declaration[2].lower()
-                transform = None if name in changed else _frame(source, group, kind)
-                if transform is not None:
-                    known = frames[kind].setdefault(name, transform)
-                    if not np.array_equal(known, transform):
-                        frames[kind][name] = None
+                value = _frame(source, group, kind)
+                if isinstance(value, np.ndarray) and name in changed:
+                    value = None
+                known = frames[kind].setdefault(name, value)
+                if isinstance(known, np.ndarray) and not np.array_equal(known, value):  # type: ignore[arg-type]
+                    frames[kind][name] = None
                 role = "the definition of a tool" if kind == "tool" else "the definition of a work object"
                 if group.start < source.own_end:
                     left.append(LeftLiteral(line, declaration[2], role))
@@ -103,7 +107,7 @@ def rapid_targets(source: Source) -> ProgramTargets:
         spans = group.children[0].items + (group.children[1].items if len(shape) == 4 else [])
         numbers = source.numbers(spans)
         if reason or isinstance(numbers, str):
-            left.append(LeftLiteral(line, what, reason or str(numbers)))
+            left.append(LeftLiteral(line, name or what, reason or str(numbers)))
             continue
         kind = _SHAPES[shape]
         ranges = _ranges(source, group.children[2]) if kind == "pose" else ()
@@ -134,6 +138,14 @@ def rapid_targets(source: Source) -> ProgramTargets:
         uses = own[held.target.place]
         if moves and not uses:
             return "no move of the program uses it, so its tool and work object are not known"
+        moved = [
+            str(frame)
+            for move in uses
+            for frame in (frames["tool"].get(move.tool.lower()), frames["work"].get(move.work.lower()))
+            if isinstance(frame, str)
+        ]
+        if moved:
+            return moved[0]
         tools = [_named(frames["tool"], move.tool) for move in uses] or [NamedFrame(_UNUSED_TOOL, None)]
         works = [_named(frames["work"], move.work) for move in uses] or [NamedFrame(_UNUSED_WORK, None)]
         return tools, works
@@ -210,16 +222,17 @@ def _assigned_later(source: Source) -> tuple[set[str], dict[str, str]]:
     return changed, replaced
 
 
-def _frame(source: Source, group: Group, kind: str) -> np.ndarray | None:
-    """Transform (4, 4) of a tooldata or wobjdata literal; None for one that moves, or is no plain literal."""
+def _frame(source: Source, group: Group, kind: str) -> np.ndarray | str | None:
+    """Transform (4, 4) of a tooldata or wobjdata literal, why it moves, or None where it is no plain literal."""
     items = [source.code[a:b].strip().upper() for a, b in group.items]
-    if kind == "tool":
-        poses = group.children[:1]
-        plain = len(items) == 3 and items[0] == "TRUE"
-    else:
-        poses = group.children
-        plain = len(items) == 5 and items[:2] == ["FALSE", "TRUE"] and len(poses) == 2
-    if not plain:
+    poses = group.children[:1] if kind == "tool" else group.children
+    if len(items) != (3 if kind == "tool" else 5) or len(poses) != (1 if kind == "tool" else 2):
+        return None
+    if items[0] == ("FALSE" if kind == "tool" else "TRUE"):
+        return "the robot holds the workpiece (robhold)"
+    if kind == "work" and items[1] == "FALSE":
+        return "a mechanical unit moves its work object (ufprog)"
+    if items[0] not in ("TRUE", "FALSE") or (kind == "work" and items[1] != "TRUE"):
         return None
     transform = np.eye(4)
     for pose in poses:
@@ -309,11 +322,11 @@ def _moves_by_name(source: Source, moves: list[_Move], names: set[str]) -> dict[
             name = variable(match[0].lower(), move.start)
             if name in names or name in parameters:
                 add(name, move)
+    handed = [(f"{one.name}\\{name}", to) for one in routines for name, to in one.calls(source, variable)]
     for _ in range(_NESTED):  # of routines that hand their parameters on
-        for routine in routines:
-            for name, handed in routine.calls(source, variable):
-                for move in list(found.get(f"{routine.name}\\{name}", {}).values()):
-                    add(handed, move)
+        for parameter, name in handed:
+            for move in list(found.get(parameter, {}).values()):
+                add(name, move)
     return {name: list(different.values()) for name, different in found.items() if name in names}
 
 
@@ -332,7 +345,7 @@ class _Routine:
             if self.start <= match.start() < self.start + len(self.name) + _HEAD:
                 continue
             for parameter, argument in zip(self.parameters, _arguments(match[1]), strict=False):
-                handed = re.match(r"[\s(]*([A-Za-z]\w*)[\s)]*(?:\{[^{}]*\}\s*)?$", argument)
+                handed = re.fullmatch(r"[\s(]*([A-Za-z]\w*)\s*(?:\{[^{}]*\}\s*)?", argument.partition("\\")[0])
                 if handed:
                     yield parameter, variable(handed[1].lower(), match.start())
                 for inner in _OFFSET.finditer(argument):
@@ -345,11 +358,12 @@ def _routines(source: Source) -> list[_Routine]:
     found: list[_Routine] = []
     for match in _ROUTINE.finditer(source.code):
         end = _ROUTINE_END.search(source.code, match.end())
-        names = (re.findall(r"[A-Za-z]\w*", part.partition("{")[0]) for part in match[2].split(","))
+        names = (_NAME.findall(re.split(r"[{\\]", part.lstrip(" \t\\"))[0]) for part in match[2].split(","))
         parameters = tuple(each[-1].lower() for each in names if each)
         found.append(_Routine(match[1].lower(), match.start(), end.start() if end else len(source.code), parameters))
     return found
 
 
-def _named(frames: dict[str, np.ndarray | None], name: str) -> NamedFrame:
-    return NamedFrame(name, frames.get(name.lower()))
+def _named(frames: dict[str, np.ndarray | str | None], name: str) -> NamedFrame:
+    transform = frames.get(name.lower())
+    return NamedFrame(name, transform if isinstance(transform, np.ndarray) else None)

@@ -24,6 +24,7 @@ from calib.errors import CalibError
 NUMBER = re.compile(r"[+-]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 LARGEST = 1e7  # mm, m, rad or deg: no coordinate and no joint value of any arm is beyond
 _WRAPPED = re.compile(rf"\s*(?:([A-Za-z]\w*)\s*\(\s*)?({NUMBER.pattern})\s*(\))?\s*")
+_BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, read as Latin-1
 _TOKEN = re.compile(r"[()\[\]{},]|[A-Za-z_$][\w$]*")
 _CLOSING = {")": "(", "]": "[", "}": "{"}
 _LONGEST_SHOWN = 60  # characters of a literal in a message
@@ -155,7 +156,7 @@ class Source:
             self._files.append((len(text), other))
             text += more
         self.text = text
-        self.code = masked.sub(_blank, text)
+        self.code = masked.sub(_blank, text.replace(_BYTE_ORDER_MARK, "   "))
 
     @cached_property
     def line_starts(self) -> list[int]:

@@ -86,6 +86,7 @@ class _Program:
         self._by_start = {group.start: group for group in source.groups}
         self._acts = any(self._is_call(word) and word.text not in _PLAIN for word in source.words)
         self._structure = list(self._marks_of_blocks())
+        self._frames: dict[str, dict[int, frozenset[NamedFrame]] | str] = {}
 
     def targets(self) -> ProgramTargets:
         """Targets with their frames, and what else looks like one."""
@@ -126,9 +127,9 @@ class _Program:
 
         def frames_of(held: Held) -> tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str:
             role = roles[held.target.place]
-            work: Iterable[NamedFrame] | str = [_BASE] if role.frame is None else self._frame(*role.frame)
+            works = [_BASE] if role.frame is None else self._frame(*role.frame)
             tools = [tcp for place in places[held.target.place] for tcp in tcps[place]]
-            return work if isinstance(work, str) else (tools, work)
+            return works if isinstance(works, str) else (tools, works)
 
         targets, without = framed([held for held, _ in kept], frames_of)
         return ProgramTargets(tuple(targets), tuple(sorted([*left, *without], key=lambda each: each.line)))
@@ -213,32 +214,47 @@ class _Program:
             return along
         return _Role(function, call=outer, frame=first)
 
-    def _frame(self, start: int, end: int) -> list[NamedFrame] | str:
+    def _frame(self, start: int, end: int) -> Iterable[NamedFrame] | str:
         """Frames that the first argument of a `pose_trans` may be, or why the pose behind it is left."""
         source = self._source
         text = source.code[start:end].strip()
         if not _NAME.fullmatch(text):
-            group = self._by_start[source.code.index("[", start)]
-            frame = self._literal(group, f"the frame of {source.at_line(start)}")
+            frame = self._literal(
+                self._by_start[source.code.index("[", start)], f"the frame of {source.at_line(start)}"
+            )
             return [frame] if frame.transform is not None else "it stands behind a frame that the program computes"
-        if any(use.is_target for use in self._uses({text}).get(text, [])):
-            return f"an offset from {text}, which moves along with it"
-        places = self._assigned.get(text, [])
-        if text in self._parameters or (places and any(self._value(place) is None for place in places)):
-            return f"it stands behind {text}, which the program computes"
-        if any(use.changes for use in self._uses({text}).get(text, [])):
-            return f"it stands behind {text}, of which the program changes a number"
-        several = len(places) > 1
-        marks = [
-            Mark(place, "set", value=self._literal(group, f"{text} of {source.at_line(place)}" if several else text))
-            for place in places
-            if (group := self._value(place)) is not None
-        ]
-        reached = reaching([*self._structure, *marks, Mark(start, "use")], NamedFrame(text, None), top_first=True)
-        frames = sorted(reached.get(start, ()), key=lambda each: each.name)
-        if places and any(frame.transform is None for frame in frames):
+        frames = self._variable_frames(text)
+        if isinstance(frames, str):
+            return frames
+        at = frames.get(start, frozenset())
+        if self._assigned.get(text) and any(frame.transform is None for frame in at):
             return f"it stands behind {text}, which is not set on every way there"
-        return frames
+        return sorted(at, key=lambda each: each.name)
+
+    def _variable_frames(self, name: str) -> dict[int, frozenset[NamedFrame]] | str:
+        """Frames that a variable may hold at its uses by `pose_trans`, or why these are not known."""
+        if name not in self._frames:
+            self._frames[name] = self._read_variable_frames(name)
+        return self._frames[name]
+
+    def _read_variable_frames(self, name: str) -> dict[int, frozenset[NamedFrame]] | str:
+        source = self._source
+        uses = self._uses({name}).get(name, [])
+        if any(use.is_target for use in uses):
+            return f"an offset from {name}, which moves along with it"
+        places = self._assigned.get(name, [])
+        values = [self._value(place) for place in places]
+        if name in self._parameters or None in values:
+            return f"it stands behind {name}, which the program computes"
+        if any(use.changes for use in uses):
+            return f"it stands behind {name}, of which the program changes a number"
+        marks: list[Mark[NamedFrame]] = [
+            Mark(call.items[0][0], "use") for use in uses if (call := use.call) is not None
+        ]
+        for place, group in zip(places, values, strict=True):
+            shown = f"{name} of {source.at_line(place)}" if len(places) > 1 else name
+            marks.append(Mark(place, "set", value=None if group is None else self._literal(group, shown)))
+        return reaching([*self._structure, *marks], NamedFrame(name, None), top_first=True)
 
     def _value(self, place: int) -> Group | None:
         """Pose literal that is the whole value of an assignment."""
@@ -368,6 +384,8 @@ class _Program:
         if is_moved_to and not others:
             return ""
         first = next(iter(others), uses[0])
+        if not is_moved_to and all(use.function == "pose_trans" for use in uses):
+            return "a frame of pose_trans"
         by = f"by {first.function}" if first.function else "in an expression"
         return f"the variable is also used {by}" if is_moved_to else f"the variable is used {by}, in no motion"
 
