@@ -384,6 +384,62 @@ speeds = [0, 0, 0, 0, 0, 0]
     assert b"movej([d2r(60.000000), d2r( 0.000000 ), 0, 0, 1, 0])" in changed
 
 
+def test_urscript_targets_are_followed_into_functions(tmp_path: Path) -> None:
+    found = program(
+        tmp_path,
+        "a.script",
+        """def go(target, acc=1.2):
+  movel(target, a=acc)
+end
+def pick(where):
+  go(pose_trans(where, p[0,0,-0.1,0,0,0]))
+  go(where)
+end
+set_tcp(p[0,0,0.1,0,0,0])
+p1 = p[0.1,-0.5,0.3,0,3.1,0]
+p2 = p[0.2,-0.5,0.3,0,3.1,0]
+p3 = p[0.3,-0.5,0.3,0,3.1,0]
+W_p = p[0.4,-0.5,0.3,0,3.1,0]
+W_q = [0,-1.5,1.5,0,1.5,0]
+pick(where=p1)
+above = p2
+above[2] = above[2] + 0.1
+movel(above)
+aside = p3
+aside[2] = 0.5
+movel(aside)
+movel(W_p)
+textmsg(pose_dist(p1, get_actual_tcp_pose()))
+""",
+    )
+    assert [t.name for t in found.targets] == ["p1", "p2", "W_p"]
+    assert found.targets[-1].near == (0.0, -1.5, 1.5, 0.0, 1.5, 0.0)
+    assert {tool for tool, _ in frames(found).values()} == {"the TCP of line 8"}
+    assert reasons(found)[11] == "line 19 sets one of its numbers anew"
+
+
+def test_external_axes_are_told(tmp_path: Path) -> None:
+    rapid = program(tmp_path, "a.mod", RAPID.replace("[0,-1,0,1],[9E9", "[0,-1,0,1],[1200.5", 1))
+    assert "external axes move (line 3)" in rapid.notes[-1]
+    krl = program(tmp_path, "a.src", KRL)
+    assert "external axes move (line 7)" in krl.notes[-1]
+    assert not program(tmp_path, "b.dat", KRL_DATA.replace("XP1", "XQ1")).notes
+
+
+def test_what_is_no_plain_robtarget_is_told(tmp_path: Path) -> None:
+    text = RAPID.replace("  PERS pose", "  CONST robtarget up:=[[1,2,3],straight,[0,0,0,0],ext];\n  PERS pose")
+    found = program(tmp_path, "a.mod", text)
+    assert reasons(found)[8] == "its parts are not all plain numbers"
+
+
+def test_krl_joints_that_no_motion_uses_are_left(tmp_path: Path) -> None:
+    axes = "{A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}"
+    text = f"DEF a()\nDECL AXIS home, soft\nhome={axes}\nsoft={axes}\nPTP home\nEND\n"
+    found = program(tmp_path, "a.src", text)
+    assert [t.name for t in found.targets] == ["home"]
+    assert reasons(found) == {4: "no motion of the program uses it"}
+
+
 def test_krl_frames_are_followed_and_a_module_is_read_whole(tmp_path: Path) -> None:
     (tmp_path / "A.DAT").write_text(
         "DEFDAT a\nDECL E6POS XP1={X 1,Y 2,Z 3,A 0,B 90,C 0,S 2,T 2}\nDECL E6POS XP2={X 1,Y 2,Z 4,A 0,B 90,C 0}\n"

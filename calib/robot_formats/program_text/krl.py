@@ -25,13 +25,15 @@ from calib.robot_formats.program_text.source import (
     ProgramTarget,
     ProgramTargets,
     Source,
+    external_axes,
     framed,
 )
 
 MASKED = re.compile(r"\"[^\"\r\n]*\"?|;[^\r\n]*|(?:(?<=\n)|(?<=\r)|\A)[ \t]*&[^\r\n]*")
 JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
 POSE = ("X", "Y", "Z", "A", "B", "C")
-_BESIDES = {"S", "T", "E1", "E2", "E3", "E4", "E5", "E6"}
+_EXTERNAL = {"E1", "E2", "E3", "E4", "E5", "E6"}
+_BESIDES = {"S", "T", *_EXTERNAL}
 _POSITIONS = ("POS", "E6POS", "AXIS", "E6AXIS")
 _CIRCULAR = {"CIRC", "SCIRC"}
 _CONTINUOUS = {"LIN", "SLIN", "SPL", *_CIRCULAR}
@@ -62,6 +64,7 @@ def krl_targets(source: Source) -> ProgramTargets:
     """Targets of a KRL source or data file. Raises CalibError where brackets do not match."""
     left: list[LeftLiteral] = []
     found: list[Held] = []
+    outside: list[int] = []  # lines of targets whose external axes stand elsewhere than at 0
     types = _declared(source)
     for group in source.own_groups:
         if group.bracket != "{" or any(child.bracket == "{" for child in group.children):
@@ -84,11 +87,17 @@ def krl_targets(source: Source) -> ProgramTargets:
         shown = name or _first_word(source, group.start).upper()
         target = ProgramTarget(shown, line, kind, numbers, group.start, ranges_deg=ranges)  # type: ignore[arg-type]
         found.append(Held(target, name.partition("[")[0].upper()))
+        external = source.numbers([span for each, span in parts.items() if each in _EXTERNAL])
+        if isinstance(external, str) or any(number.value for number in external):
+            outside.append(line)
+    moves = _MOTION.search(source.code) is not None
     uses = _uses(source, {held.variable for held in found if held.variable})
     fits: list[Held] = []
     for held in found:
         target, own = held.target, uses.get(held.variable, [])
         reason = _unfit(source, held, own, types) if held.variable else ""
+        if not reason and target.kind == "joints" and moves and held.variable and not any(use.motion for use in own):
+            reason = "no motion of the program uses it"
         if reason:
             left.append(LeftLiteral(target.line, target.name, reason))
             continue
@@ -101,7 +110,6 @@ def krl_targets(source: Source) -> ProgramTargets:
         for held in fits
     }
     frames = _Frames(source, {place for each in places.values() for place in each})
-    moves = _MOTION.search(source.code) is not None
 
     def frames_of(held: Held) -> tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str:
         numbered = frames.numbered(held.variable) if held.variable else None
@@ -117,7 +125,8 @@ def krl_targets(source: Source) -> ProgramTargets:
         return tools, bases
 
     targets, without = framed(fits, frames_of)
-    return ProgramTargets(tuple(targets), tuple(sorted([*left, *without], key=lambda each: each.line)))
+    notes = external_axes(outside)
+    return ProgramTargets(tuple(targets), tuple(sorted([*left, *without], key=lambda each: each.line)), notes)
 
 
 def _components(source: Source, group: Group) -> dict[str, tuple[int, int]]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.robot_formats.program_text.pose_numbers import pose_transform
 from calib.robot_formats.program_text.source import (
+    NUMBER,
     Group,
     Held,
     LeftLiteral,
@@ -23,6 +24,7 @@ from calib.robot_formats.program_text.source import (
     ProgramTarget,
     ProgramTargets,
     Source,
+    external_axes,
     framed,
 )
 
@@ -46,6 +48,8 @@ _ROUTINE_END = re.compile(r"\bEND(?:PROC|FUNC)\b", re.IGNORECASE)
 _NESTED, _HEAD = 3, 40
 _BY_JOINTS = re.compile(r"(?:Move|Trigg|Search)J", re.IGNORECASE)
 _AXES = {0: 0, 1: 3, 2: 5}  # the axis of each of cf1, cf4 and cf6, from 0
+_HELD = ("robtarget", "jointtarget")
+_UNUSED_AXIS = 9e8  # as 9E9
 _SHAPES = {(6, 6): "joints", (3, 4, 4, 6): "pose"}
 _UNUSED_TOOL = "the tool (the program has no move)"
 _UNUSED_WORK = "the work object (the program has no move)"
@@ -65,6 +69,7 @@ def rapid_targets(source: Source) -> ProgramTargets:
     """Targets of a RAPID module or program. Raises CalibError where brackets do not match."""
     left: list[LeftLiteral] = []
     found: list[Held] = []
+    outside: list[int] = []  # lines of targets whose external axes stand elsewhere than at 0
     counts: dict[str, int] = {}
     changed, replaced = _assigned_later(source)
     free = _without_configuration(source)
@@ -96,11 +101,12 @@ def rapid_targets(source: Source) -> ProgramTargets:
             continue
         if group.start >= source.own_end:
             continue
-        if shape == (3, 4):
-            if group.parent is None:
-                left.append(LeftLiteral(line, what, "a pose, no robtarget"))
-            continue
+        is_held = declaration is not None and declaration[1].lower() in _HELD
         if shape not in _SHAPES:
+            if group.parent is None and declaration is not None and is_held and declaration[3] is None:
+                left.append(LeftLiteral(line, declaration[2], "its parts are not all plain numbers"))
+            elif group.parent is None and shape == (3, 4):
+                left.append(LeftLiteral(line, what, "a pose, no robtarget"))
             continue
         name, array, reason = _place_of(source, group, declaration)
         reason = reason or replaced.get(name.lower(), "")
@@ -115,6 +121,9 @@ def rapid_targets(source: Source) -> ProgramTargets:
         if array:
             counts[name] = counts.get(name, 0) + 1
             shown = f"{name}{{{counts[name]}}}"
+        external = ["".join(source.code[a:b].split()) for a, b in group.children[-1].items]
+        if not all(NUMBER.fullmatch(each) and not 0.0 < abs(float(each)) < _UNUSED_AXIS for each in external):
+            outside.append(line)
         found.append(Held(ProgramTarget(shown, line, kind, numbers, group.start, ranges_deg=ranges), name))  # type: ignore[arg-type]
     moves = _moves(source)
     by_name = _moves_by_name(source, moves, {held.variable.lower() for held in found if held.variable})
@@ -161,6 +170,7 @@ def rapid_targets(source: Source) -> ProgramTargets:
     if displaced is not None:
         where = source.at_line(displaced.start())
         notes = (f"{displaced[1]} in {where} displaces targets: they are corrected where they stand without it",)
+    notes = (*notes, *external_axes(outside))
     return ProgramTargets(tuple(targets), tuple(sorted(left, key=lambda each: each.line)), notes)
 
 
@@ -189,7 +199,7 @@ def _place_of(source: Source, group: Group, declaration: re.Match[str] | None) -
     """Variable that holds a literal ("" in a move), whether it is an element of an array, and why it is no target."""
     if declaration is not None:
         kind = declaration[1].lower()
-        if kind not in ("robtarget", "jointtarget"):
+        if kind not in _HELD:
             return declaration[2], False, f"part of a {declaration[1]}"
         return declaration[2], declaration[3] is not None, ""
     if group.parent is not None:

@@ -334,6 +334,14 @@ def framed(
     return targets, left
 
 
+def external_axes(lines: Sequence[int]) -> tuple[str, ...]:
+    """Note on targets, by their lines, whose external axes do not stand at 0; () where there are none."""
+    if not lines:
+        return ()
+    where = f"line {lines[0]}" + (f" and {len(lines) - 1} more" if len(lines) > 1 else "")
+    return (f"external axes move ({where}): the arm's base is taken to stand, which is wrong where they carry it",)
+
+
 def _decimals(text: str) -> int:
     mantissa, _, exponent = text.lower().partition("e")
     count = len(mantissa.partition(".")[2]) - int(exponent[:6] or 0)

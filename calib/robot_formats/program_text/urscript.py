@@ -37,9 +37,11 @@ _TARGETS_OF = _MOTIONS | dict.fromkeys(_INVERSE, 1) | {"get_forward_kin": 1}
 """Functions, and how many of their first arguments are targets."""
 _KEYWORDS = {"q", "x", "pose", "pose_to", "pose_via"}
 _NEAR, _TCP = "qnear", "set_tcp"
-_OFFSETS = {"pose_trans", "pose_add"}
+_OFFSETS = {"pose_trans": 1, "pose_add": 1, "interpolate_pose": 2}
+"""Functions that start from poses, and from how many."""
+_READS = {"length", "size", "get_list_length", "pose_dist", "point_dist", "textmsg", "popup", "to_str", "str_cat"}
+_DEEPEST = 4  # functions and variables by way of which a target is followed
 _PLAIN = {"d2r", "pose_trans", _TCP}  # calls in a list of points
-_COUNTS = {"length", "size", "get_list_length"}
 _UNKNOWN_TCP = NamedFrame("the controller's own TCP (no set_tcp before it)", None)
 _ASSIGNED = re.compile(r"([A-Za-z_]\w*)\s*(?<![=<>!])=$")
 _NAME = re.compile(r"[A-Za-z_]\w*")
@@ -57,9 +59,18 @@ class _Use:
     function: str  # "" outside of a call
     is_target: bool
     moves_along: bool = False  # the start of an offset, or one of its numbers
-    is_hint: bool = False  # joints near which a pose is taken, the length of a list
+    is_hint: bool = False  # joints near which a pose is taken, or it is read only
     changes: bool = False  # one of its numbers is set anew
     call: Group | None = None
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A function of the program: its parameters and its place."""
+
+    parameters: tuple[str, ...]
+    start: int  # of the parameters' bracket
+    end: int
 
 
 @dataclass(frozen=True)
@@ -82,10 +93,14 @@ class _Program:
     def __init__(self, source: Source) -> None:
         self._source = source
         self._assigned = _assignments(source)
-        self._parameters = _parameters(source)
         self._by_start = {group.start: group for group in source.groups}
         self._acts = any(self._is_call(word) and word.text not in _PLAIN for word in source.words)
         self._structure = list(self._marks_of_blocks())
+        self._functions = self._read_functions()
+        self._parameters = {name for function in self._functions.values() for name in function.parameters}
+        self._words: dict[str, list[Word]] = {}
+        for word in source.words:
+            self._words.setdefault(word.text, []).append(word)
         self._frames: dict[str, dict[int, frozenset[NamedFrame]] | str] = {}
 
     def targets(self) -> ProgramTargets:
@@ -107,7 +122,7 @@ class _Program:
             kind = "pose" if start < group.start else "joints"
             target = ProgramTarget(role.name, line, kind, numbers, start)  # type: ignore[arg-type]
             found.append((Held(target, role.name.partition("[")[0] if role.held else ""), role))
-        uses = self._uses({held.variable for held, _ in found if held.variable})
+        uses = {name: self._uses(name) for name in {held.variable for held, _ in found if held.variable}}
         kept: list[tuple[Held, _Role]] = []
         for held, role in found:
             reason = self._unfit(held.variable, uses.get(held.variable, [])) if held.variable else ""
@@ -115,7 +130,8 @@ class _Program:
                 left.append(LeftLiteral(held.target.line, held.target.name, reason))
                 continue
             calls = [role.call, *(use.call for use in uses.get(held.variable, []) if use.is_target)]
-            near = tuple(v for call in calls for v in self._near(call)[:6])[:6] if held.target.kind == "pose" else ()
+            near = next(filter(None, map(self._near, calls)), ()) or self._beside(held.variable)
+            near = near if held.target.kind == "pose" else ()
             kept.append((replace(held, target=replace(held.target, near=near)), role))
         roles = {held.target.place: role for held, role in kept}
         places = {
@@ -239,7 +255,7 @@ class _Program:
 
     def _read_variable_frames(self, name: str) -> dict[int, frozenset[NamedFrame]] | str:
         source = self._source
-        uses = self._uses({name}).get(name, [])
+        uses = self._uses(name)
         if any(use.is_target for use in uses):
             return f"an offset from {name}, which moves along with it"
         places = self._assigned.get(name, [])
@@ -325,22 +341,80 @@ class _Program:
                 continue
             name = (value if equals else text).strip()
             group = next((child for child in call.children if start <= child.start < end), None)
-            if group is None:
-                assigned = self._assigned.get(name, [])
-                match = re.compile(r"\w+\s*=\s*(?=\[)").match(source.code, assigned[0]) if len(assigned) == 1 else None
-                group = self._by_start.get(match.end()) if match else None
-            numbers = source.numbers(group.items, _UNITS) if group is not None and group.bracket == "[" else ""
-            if not isinstance(numbers, str) and len(numbers) == 6:
-                return tuple(number.value for number in numbers)
+            return self._joints_of(name) if group is None else self._plain(group)
         return ()
 
-    def _uses(self, names: set[str]) -> dict[str, list[_Use]]:
-        """Uses of variables, their own assignments left out."""
-        found: dict[str, list[_Use]] = {}
-        for word in self._source.words:
-            if word.text in names and word.place not in self._assigned.get(word.text, []):
-                found.setdefault(word.text, []).append(self._use(word))
+    def _beside(self, name: str) -> tuple[float, ...]:
+        """Joints that PolyScope notes beside a pose: NAME_q of NAME_p; () where there are none."""
+        return self._joints_of(name.removesuffix("_p") + "_q") if name.endswith("_p") else ()
+
+    def _joints_of(self, name: str) -> tuple[float, ...]:
+        """Plain joint values that a variable holds once and for all; () for others."""
+        assigned = self._assigned.get(name, [])
+        match = re.compile(r"\w+\s*=\s*(?=\[)").match(self._source.code, assigned[0]) if len(assigned) == 1 else None
+        return self._plain(self._by_start[match.end()]) if match and match.end() in self._by_start else ()
+
+    def _plain(self, group: Group) -> tuple[float, ...]:
+        numbers = self._source.numbers(group.items, _UNITS) if group.bracket == "[" else ""
+        return () if isinstance(numbers, str) or len(numbers) != 6 else tuple(number.value for number in numbers)
+
+    def _read_functions(self) -> dict[str, _Function]:
+        """Functions of the program with their parameters and bodies."""
+        found: dict[str, _Function] = {}
+        open_: list[tuple[str, int]] = []
+        for mark in self._structure:
+            if mark.kind in ("routine", "if", "loop"):
+                open_.append((mark.name if mark.kind == "routine" else "", mark.place))
+            elif mark.kind == "end" and open_:
+                name, start = open_.pop()
+                call = self._by_start.get(self._source.code.find("(", start)) if name else None
+                if call is not None:
+                    parts = [self._source.code[a:b].partition("=")[0].strip() for a, b in call.items]
+                    found[name] = _Function(tuple(parts), call.start, mark.place)
         return found
+
+    def _owner(self, name: str, place: int) -> _Function | None:
+        """Innermost function around a place that has a parameter of a name."""
+        around = [f for f in self._functions.values() if name in f.parameters and f.start <= place < f.end]
+        return max(around, key=lambda each: each.start, default=None)
+
+    def _uses(self, name: str, owner: _Function | None = None, depth: int = 0) -> list[_Use]:
+        """Uses of a variable, or of the parameter of a function, their own assignments left out.
+
+        Where it is handed to a function of the program, or to another variable, the uses of these count.
+        """
+        own = self._assigned.get(name, [])
+        shadowed = name in self._parameters
+        found: list[_Use] = []
+        for word in self._words.get(name, []):
+            if word.place in own or (shadowed and self._owner(name, word.place) is not owner):
+                continue
+            if owner is not None and word.group is not None and word.group.start == owner.start:
+                continue  # the parameter itself
+            found += self._followed(word, depth)
+        return found
+
+    def _followed(self, word: Word, depth: int) -> list[_Use]:
+        source, use = self._source, self._use(word)
+        to: str | None = None
+        owner: _Function | None = None
+        function = self._functions.get(use.function)
+        if use.call is not None and function is not None and not use.is_target:
+            keyword = _ASSIGNED.search(source.before(word.place))
+            k = use.call.index_of(word.place)
+            to = keyword[1] if keyword else function.parameters[k] if k < len(function.parameters) else None
+            owner = function if to in function.parameters else None
+            to = to if owner is not None else None
+        elif word.group is None and not use.changes:
+            line = source.code[source.line_start(word.place) : source.line_end(word.place)]
+            alias = re.fullmatch(
+                rf"\s*(?:global\s+|local\s+)?([A-Za-z_]\w*)\s*=\s*{word.text}\s*(?:\[[^\]]*\])?\s*", line
+            )
+            to = alias[1] if alias and alias[1] != word.text else None
+            owner = self._owner(to, word.place) if to else None
+        if to is None or depth >= _DEEPEST:
+            return [use]
+        return self._uses(to, owner, depth + 1) or [replace(use, is_hint=True)]
 
     def _use(self, word: Word) -> _Use:
         source, group = self._source, word.group
@@ -358,7 +432,7 @@ class _Program:
         whole = source.is_item(word.place, end, group)
         keyword = _ASSIGNED.search(source.before(word.place))
         position = group.index_of(word.place)
-        if function in _COUNTS or (
+        if function in _READS or (
             function in _INVERSE and (keyword[1] == _NEAR if keyword else whole and position == 1)
         ):
             return _Use(word.place, function, False, is_hint=True)
@@ -367,7 +441,7 @@ class _Program:
         is_target = (whole and first) or named
         if index is not None and not is_target:
             return _Use(word.place, function, False, moves_along=True)
-        moves_along = whole and function in _OFFSETS and position == 0
+        moves_along = whole and position < _OFFSETS.get(function, 0)
         return _Use(word.place, function, is_target, moves_along, call=group)
 
     def _unfit(self, name: str, uses: list[_Use]) -> str:
@@ -398,14 +472,6 @@ def _assignments(source: Source) -> dict[str, list[int]]:
         after = source.code[end : end + _AHEAD].lstrip()
         if word.group is None and after[:1] == "=" and after[:2] != "==":
             found.setdefault(word.text, []).append(word.place)
-    return found
-
-
-def _parameters(source: Source) -> set[str]:
-    """Names of the parameters of all functions."""
-    found: set[str] = set()
-    for match in re.finditer(r"\bdef\s+\w+\s*\(([^()]*)\)", source.code):
-        found |= set(_NAME.findall(match[1]))
     return found
 
 
