@@ -27,7 +27,7 @@ class Mark(Generic[Value]):
     value: Value | None = None  # of a "set"
 
 
-@dataclass
+@dataclass(eq=False)
 class _Block(Generic[Value]):
     """A block of the program, or the whole: its parts in their order, for each branch."""
 
@@ -48,13 +48,16 @@ def reaching(marks: Iterable[Mark[Value]], before: Value, *, top_first: bool) ->
     whole: _Block[Value] = _Block("routine")
     routines: dict[str, _Block[Value]] = {}
     open_ = [whole]
+    doubles: list[_Block[Value]] = []  # routines of a name that another one has
+    uses: list[int] = []
     for mark in sorted(marks, key=lambda each: each.place):
         if mark.kind in _OPENING:
             block: _Block[Value] = _Block(mark.kind, mark.name, [] if mark.name == "SWITCH" else [[]])
             if not open_[-1].branches:
                 open_[-1].branches.append([])
             if mark.kind == "routine":
-                routines.setdefault(mark.name, block)
+                if routines.setdefault(mark.name, block) is not block:
+                    doubles.append(block)
             else:
                 open_[-1].branches[-1].append(block)
             open_.append(block)
@@ -69,16 +72,17 @@ def reaching(marks: Iterable[Mark[Value]], before: Value, *, top_first: bool) ->
             if not open_[-1].branches:
                 open_[-1].branches.append([])
             open_[-1].branches[-1].append(mark)
+            uses += [mark.place] if mark.kind == "use" else []
     walk = _Walk(routines, whole)
     start = frozenset([before])
     after = walk.through(whole.branches[0], start, 0)
     for block in routines.values():
         if block.name not in walk.called:
             walk.through(block.branches[0], after if top_first else start, 0)
-    for block in routines.values():  # those that only call each other
-        if block.name not in walk.entered:
+    for block in (*routines.values(), *doubles):  # those that only call each other
+        if block.name not in walk.entered or block in doubles:
             walk.through(block.branches[0], start, 0)
-    return {place: frozenset(values) for place, values in walk.found.items()}
+    return {place: frozenset(walk.found.get(place, start)) for place in uses}
 
 
 class _Walk(Generic[Value]):
