@@ -75,20 +75,25 @@ def reaching(marks: Iterable[Mark[Value]], before: Value, *, top_first: bool) ->
             uses += [mark.place] if mark.kind == "use" else []
     walk = _Walk(routines, whole)
     start = frozenset([before])
-    after = walk.through(whole.branches[0], start, 0)
-    for block in routines.values():
-        if block.name not in walk.called:
-            walk.through(block.branches[0], after if top_first else start, 0)
-    for block in (*routines.values(), *doubles):  # those that only call each other
-        if block.name not in walk.entered or block in doubles:
-            walk.through(block.branches[0], start, 0)
-    return {place: frozenset(walk.found.get(place, start)) for place in uses}
+    while walk.changed:
+        walk.start()
+        after = walk.through(whole.branches[0], start, 0)
+        for block in routines.values():
+            if block.name not in walk.called:
+                walk.through(block.branches[0], (after or start) if top_first else start, 0)
+        for block in (*routines.values(), *doubles):  # those that only call each other
+            if block.name not in walk.entered or block in doubles:
+                walk.through(block.branches[0], start, 0)
+    return {place: frozenset(walk.found.get(place, start)) or start for place in uses}
 
 
 class _Walk(Generic[Value]):
     def __init__(self, routines: dict[str, _Block[Value]], whole: _Block[Value]) -> None:
         self._routines = routines
-        self._known: dict[tuple[str, frozenset[Value]], frozenset[Value]] = {}
+        self._after: dict[tuple[str, frozenset[Value]], frozenset[Value]] = {}
+        self._done: set[tuple[str, frozenset[Value]]] = set()
+        self._running: set[tuple[str, frozenset[Value]]] = set()
+        self.changed = True
         self.found: dict[int, set[Value]] = {}
         self.called = {
             mark.name for block in (whole, *routines.values()) for mark in _calls(block) if mark.name != block.name
@@ -122,10 +127,22 @@ class _Walk(Generic[Value]):
         if block is None or depth > _DEEPEST:
             return state
         self.entered.add(name)
-        if (name, state) not in self._known:
-            self._known[name, state] = state  # for one that calls itself
-            self._known[name, state] = self.through(block.branches[0], state, depth + 1)
-        return self._known[name, state]
+        key = (name, state)
+        if key in self._running:  # it calls itself: what the pass before found counts
+            return self._after.get(key, frozenset()) | state
+        if key not in self._done:
+            self._done.add(key)
+            self._running.add(key)
+            after = self.through(block.branches[0], state, depth + 1) | self._after.get(key, frozenset())
+            self.changed |= after != self._after.get(key)
+            self._after[key] = after
+            self._running.remove(key)
+        return self._after[key]
+
+    def start(self) -> None:
+        """Begin another pass, which ends unchanged once what routines return is found."""
+        self._done.clear()
+        self.changed = False
 
 
 def _calls(block: _Block[Value]) -> list[Mark[Value]]:
