@@ -16,13 +16,13 @@ from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, chain_frames
 from calib.robot_formats.mjcf import chain_of_mjcf
+from calib.robot_formats.moveit import Group, chains, group_of, with_limits
 from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml
 from calib.robot_formats.sdf import tree_of_sdf
 from calib.robot_formats.tables import chain_of_table
 from calib.robot_formats.ur_calibration import read_ur_calibration
 from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm, tip_links
 from calib.robot_formats.urdf.meshes import MeshFile, Packages, link_meshes
-from calib.robot_formats.urdf.moveit import Group, chains, group_of, with_limits
 from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
 from calib.robot_formats.urdf.tree import UrdfTree, read_tree
 from calib.robot_formats.urdf.xacro import Xacro, expanded_xacro
