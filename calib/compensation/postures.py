@@ -37,6 +37,7 @@ class Place:
     base_T_flange: Array  # (4, 4) mm
     ranges_deg: tuple[tuple[float, float], ...]  # of each commanded joint; () without a configuration
     near: Array  # (K, n) joints, of which the nearest counts
+    bind: bool = True  # whether no other configuration will do
 
 
 @dataclass(frozen=True)
@@ -63,27 +64,29 @@ def tool_row(robot: Robot) -> Array:
 def postures_at(robot: Robot, places: Sequence[Place]) -> list[Posture]:
     """Posture of the nominal arm, of revolute joints alone, at each place; the same for the same input."""
     rng = np.random.default_rng(0)
-    found: list[Posture] = []
+    limits = joint_limits(robot)
+    at: list[Array] = []
     for start in range(0, len(places), _AT_ONCE):
         part = places[start : start + _AT_ONCE]
-        chosen = _chosen(robot, part, _STARTS[0], rng)
-        missing = [k for k, posture in enumerate(chosen) if posture.q is None]
-        for k, again in zip(missing, _chosen(robot, [part[k] for k in missing], _STARTS[1], rng), strict=True):
-            chosen[k] = again
-        found += chosen
-    return found
+        reached = _candidates(robot, part, limits, _STARTS[0], rng)
+        missing = [k for k, q in enumerate(reached) if _choice(robot, part[k], q, limits, False).q is None]
+        for k, again in zip(
+            missing, _candidates(robot, [part[k] for k in missing], limits, _STARTS[1], rng), strict=True
+        ):
+            reached[k] = _distinct(np.concatenate([reached[k], again]))
+        at += reached
+    return [_choice(robot, place, q, limits) for place, q in zip(places, at, strict=True)]
 
 
-def _chosen(robot: Robot, places: Sequence[Place], count: int, rng: np.random.Generator) -> list[Posture]:
+def _candidates(
+    robot: Robot, places: Sequence[Place], limits: tuple[Array, Array], count: int, rng: np.random.Generator
+) -> list[Array]:
+    """Postures (M, n) that lead to each place, found from a count of starts."""
     if not places:
         return []
-    limits = joint_limits(robot)
     starts = np.array([_starts(place, limits, count, rng) for place in places])
     q, reached = _solved(robot, places, starts)
-    return [
-        _choice(robot, place, _distinct(q[k][reached[k]]), limits)
-        for k, place in enumerate(places)
-    ]  # fmt: skip
+    return [_distinct(q[k][reached[k]]) for k in range(len(places))]
 
 
 def _starts(place: Place, limits: tuple[Array, Array], count: int, rng: np.random.Generator) -> Array:
@@ -133,8 +136,11 @@ def _distinct(q: Array) -> Array:
     return np.array(kept).reshape(-1, q.shape[1])
 
 
-def _choice(robot: Robot, place: Place, found: Array, limits: tuple[Array, Array]) -> Posture:
-    """Posture within limits and configuration that is nearest to known joints, whole turns included."""
+def _choice(robot: Robot, place: Place, found: Array, limits: tuple[Array, Array], otherwise: bool = True) -> Posture:
+    """Posture within limits and configuration that is nearest to known joints, whole turns included.
+
+    otherwise: whether another configuration is taken where the controller would.
+    """
     if not len(found):
         return Posture(None, "no joints of the nominal arm bring the tool there")
     best: tuple[float, Array] | None = None
@@ -160,6 +166,8 @@ def _choice(robot: Robot, place: Place, found: Array, limits: tuple[Array, Array
     if within_limits:
         other = _choice(robot, replace(place, ranges_deg=()), found, limits).q
         assert other is not None
+        if otherwise and not place.bind:
+            return Posture(other)
         joints = ", ".join(f"{v:.0f}°" for v in np.degrees(robot.commands_of(other)))
         return Posture(
             None, f"no posture of robot.toml's arm has the program's configuration there; the nearest other is {joints}"

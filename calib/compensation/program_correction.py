@@ -11,7 +11,7 @@ are then left as they are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,14 +23,14 @@ from calib.compensation.target_correction import Correction, Corrects, corrected
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
-from calib.robot_formats.program_targets import Program, frame_of, require_frames
+from calib.robot_formats.program_targets import Frames, Program, frame_of, require_frames
 from calib.robot_formats.program_text.pose_numbers import pose_transform, pose_values
 from calib.robot_formats.program_text.source import ProgramTarget
 
 SAME_POINT_MM = 0.5
 """Distance within which a program's tool point is that of robot.toml."""
 _POSTURES = 500  # trained poses that are looked through for the nearest, about
-BY_CONFIGURATION, BY_TRAINED = "configuration", "trained poses"
+BY_CONFIGURATION, BY_NEAR, BY_TRAINED = "configuration", "qnear", "trained poses"
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,9 @@ class TargetMove:
     moved_deg: float  # of the commanded tool
     uncorrected_mm: float  # error of the calibrated arm without correction; nan where unknown
     reason: str = ""  # why it is not reached
-    posture: str = ""  # what told the posture of a pose: the configuration, a joint target's name, the trained poses
+    posture: str = (
+        ""  # what told the posture of a pose: the configuration, qnear, a joint target's name, the trained poses
+    )
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,8 @@ def corrected_program(
     trained: Array,
     *,
     kind: str | None = None,
-    tool: Array | None = None,
-    work: Array | None = None,
+    tool: Array | Frames | None = None,
+    work: Array | Frames | None = None,
 ) -> ProgramCorrection:
     """Program with corrected targets, and what became of each.
 
@@ -113,14 +115,15 @@ def corrected_program(
         calibrated: a calibration, a diagnosis, a model from a file, a robot.
         trained: (K, n) joints of known postures, of which the nearest counts where nothing else tells a pose's posture.
         kind: "pose", "position", or None for what the fit determines.
-        tool: (4, 4) flange_T_tool, mm, of targets whose tool the program does not define.
-        work: (4, 4) base_T_work, mm, of targets whose work frame it does not define.
+        tool: (4, 4) flange_T_tool, mm, of targets whose tool the program does not define, or several by their names.
+        work: (4, 4) base_T_work, mm, of targets whose work frame it does not define, or several by their names.
 
     Raises:
         CalibError: a frame that is neither defined nor given.
     """
-    require_frames(program, tool, work)
-    known = _with_joints(program, nominal, trained, tool, work)
+    tools, works = _frames(tool), _frames(work)
+    require_frames(program, tools, works)
+    known = _with_joints(program, nominal, trained, tools, works)
     rows = [k for k, each in enumerate(known) if each.q is not None]
     row_of = {k: row for row, k in enumerate(rows)}
     q0 = np.array([known[k].q for k in rows]).reshape(-1, nominal.n_joints)
@@ -161,30 +164,41 @@ def corrected_program(
     return ProgramCorrection(program, program.with_values(values), tuple(moves), correction, notes)
 
 
-def _with_joints(
-    program: Program, nominal: Robot, trained: Array, tool: Array | None, work: Array | None
-) -> list[_Known]:
+def _frames(given: Array | Frames | None) -> Frames:
+    if isinstance(given, Mapping):
+        return given
+    return {} if given is None else {"": given}
+
+
+def _with_joints(program: Program, nominal: Robot, trained: Array, tools: Frames, works: Frames) -> list[_Known]:
     """Each target with its joints: as written, or of the nominal arm at its pose."""
     trained = trained[:: max(1, len(trained) // _POSTURES)]
     known: list[_Known] = []
     open_: list[tuple[int, Place]] = []
-    before: tuple[str, Array] | None = None  # the last joint target
+    before: tuple[str, Array] | None = None  # the last target whose joints are told
+
+    def written(values: Array) -> Array:
+        return nominal.joints_of(values if program.language == "URScript" else np.radians(values))
+
     for target in program.targets:
         if target.kind == "joints":
-            values = target.values if program.language == "URScript" else np.radians(target.values)
-            q = nominal.joints_of(values)
-            before = (target.name, q)
-            known.append(_Known(target, q, tool_row(nominal), np.eye(4)))
+            before = (target.name, written(target.values))
+            known.append(_Known(target, before[1], tool_row(nominal), np.eye(4)))
             continue
-        flange_T_tool, base_T_work = frame_of(target.tool, tool), frame_of(target.work, work)
+        flange_T_tool, base_T_work = frame_of(target.tool, tools), frame_of(target.work, works)
         try:
             base_T_tool = base_T_work @ pose_transform(program.language, target.values)
         except ValueError as error:
             known.append(_Known(target, None, flange_T_tool, base_T_work, str(error)))
             continue
+        if target.near:
+            before = (target.name, written(np.array(target.near)))
+        name = BY_TRAINED if before is None else before[0]
+        name = BY_CONFIGURATION if target.ranges_deg else BY_NEAR if target.near else name
         near = trained if before is None else before[1][None]
-        name = BY_CONFIGURATION if target.ranges_deg else BY_TRAINED if before is None else before[0]
-        open_.append((len(known), Place(base_T_tool @ frames.invert(flange_T_tool), target.ranges_deg, near)))
+        flange = base_T_tool @ frames.invert(flange_T_tool)
+        place = Place(flange, target.ranges_deg, near, bind=target.ranges_bind)
+        open_.append((len(known), place))
         known.append(_Known(target, None, flange_T_tool, base_T_work, posture=name))
     found: list[Posture] = postures_at(nominal, [place for _, place in open_])
     for (k, _), posture in zip(open_, found, strict=True):
@@ -211,7 +225,7 @@ def _where_the_tool_is_known(correction: Correction, known: Sequence[_Known]) ->
 
 def _posture_notes(moves: Sequence[TargetMove]) -> list[str]:
     """Remarks on poses whose posture the program does not tell."""
-    guessed = [move for move in moves if move.posture and move.posture != BY_CONFIGURATION]
+    guessed = [move for move in moves if move.posture and move.posture not in (BY_CONFIGURATION, BY_NEAR)]
     trained = sum(move.posture == BY_TRAINED for move in guessed)
     joints = len(guessed) - trained
     notes = []

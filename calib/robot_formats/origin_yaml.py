@@ -214,11 +214,12 @@ def plain_yaml(chain: SerialChain) -> str:
 
 def _place(file: YamlFile, name: str, block: YamlNode) -> Array:
     """Transform (4, 4) of a block, mm."""
-    x, y, z, *rpy = (_number(file, name, key, block.children[key]) for key in KEYS)
+    x, y, z, *rpy = (number_of(file, name, key, block.children[key]) for key in KEYS)
     return make_transform(rotation_from_rpy(rpy), 1e3 * np.array([x, y, z]))
 
 
-def _number(file: YamlFile, name: str, key: str, node: YamlNode) -> float:
+def number_of(file: YamlFile, name: str, key: str, node: YamlNode) -> float:
+    """Number of a node, m or rad. Raises RobotFileError, which calls it `key` of `name`."""
     text, scale = node.text, 1.0
     if text.startswith("!degrees"):
         text, scale = text.removeprefix("!degrees"), math.pi / 180.0
@@ -235,7 +236,7 @@ def _intrinsic_differs_mm(origins: OriginYaml, chain: SerialChain) -> float:
     """Largest change of the tip's position, mm, if the file's angles were about moving instead of fixed axes."""
     other = []
     for (name, block), joint in zip(origins.blocks.items(), chain.joints, strict=True):
-        rpy = np.array([_number(origins.file, name, key, block.children[key]) for key in KEYS[3:]])
+        rpy = np.array([number_of(origins.file, name, key, block.children[key]) for key in KEYS[3:]])
         turn = rotation_from_rpy(-rpy).T  # about x, then about the moved y and z
         other.append(ChainJoint(joint.name, make_transform(turn, joint.before_T_joint[:3, 3])))
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, len(other)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,11 @@ from calib.robot_formats.program_text import krl, rapid, urscript
 from calib.robot_formats.program_text.pose_numbers import FORM, NUMBERS, least_decimals, pose_transform
 from calib.robot_formats.program_text.source import LeftLiteral, NamedFrame, ProgramTarget, ProgramTargets, Source
 
-LANGUAGES = {".script": "URScript", ".src": "KRL", ".dat": "KRL", ".mod": "RAPID", ".prg": "RAPID"}
+LANGUAGES = {
+    **dict.fromkeys((".script", ".urscript"), "URScript"),
+    **dict.fromkeys((".src", ".dat"), "KRL"),
+    **dict.fromkeys((".mod", ".prg", ".sys", ".modx", ".prgx", ".sysx"), "RAPID"),
+}
 """Languages by the suffix of a program's file."""
 _LARGEST_BYTES = 10_000_000
 _READERS: dict[str, tuple[Callable[[Source], ProgramTargets], object]] = {
@@ -48,16 +52,41 @@ class Program:
             least = least_decimals(self.language, target.kind, len(target.numbers))
             for number, value, decimals in zip(target.numbers, new, least, strict=True):
                 text = number.written(float(value), decimals)
-                parts.append(self.content[end : number.start])
-                same = float(text) == number.value
-                parts.append(self.content[number.start : number.end] if same else text.encode("ascii"))
-                end = number.end
+                if text is not None:
+                    parts += [self.content[end : number.start], text.encode("ascii")]
+                    end = number.end
         return b"".join([*parts, self.content[end:]])
 
 
-def load_program(path: Path) -> Program:
-    """Program read from a .script, .src, .dat, .mod or .prg file. Raises CalibError."""
+def load_program(path: Path, others: Sequence[Path] = ()) -> Program:
+    """Program read from a URScript, KRL or RAPID file. Raises CalibError.
+
+    Args:
+        path: the program. The .dat beside a .src of the same name, and the .src beside a .dat, are read with it.
+        others: more files of the same controller, which define frames and use the program's targets.
+    """
     language = language_of(path)
+    content = _content(path, language)
+    more = [(str(each), _content(each, language)) for each in [*_siblings(path), *others]]
+    for other in others:
+        if language_of(other) != language:
+            raise CalibError(
+                f"{other}: is {language_of(other)}, and {path} is {language}; name a file of its controller"
+            )
+    read, masked = _READERS[language]
+    texts = [(name, text.decode("latin-1")) for name, text in more]
+    found = read(Source(str(path), content.decode("latin-1"), masked, texts))  # type: ignore[arg-type]
+    if not found.targets:
+        first = next(iter(found.left), None)
+        seen = (
+            f"; {len(found.left)} left, the first in line {first.line}: {first.what}: {first.reason}" if first else ""
+        )
+        raise CalibError(f"{path}: no target in plain numbers was found in this {language} program{seen}")
+    return Program(path, language, content, found.targets, found.left, found.notes)
+
+
+def _content(path: Path, language: str) -> bytes:
+    """Bytes of a program's file. Raises CalibError for what is none."""
     if not path.exists():
         raise CalibError(f"{path}: no such file; name a robot program")
     if not path.is_file():
@@ -71,15 +100,16 @@ def load_program(path: Path) -> Program:
     content = path.read_bytes()
     if b"\0" in content:
         raise CalibError(f"{path}: byte {content.index(0)} is zero; a {language} program is text of one byte a letter")
-    read, masked = _READERS[language]
-    found = read(Source(str(path), content.decode("latin-1"), masked))  # type: ignore[arg-type]
-    if not found.targets:
-        first = next(iter(found.left), None)
-        seen = (
-            f"; {len(found.left)} left, the first in line {first.line}: {first.what}: {first.reason}" if first else ""
-        )
-        raise CalibError(f"{path}: no target in plain numbers was found in this {language} program{seen}")
-    return Program(path, language, content, found.targets, found.left, found.notes)
+    return content
+
+
+def _siblings(path: Path) -> list[Path]:
+    """The other half of a KRL module: the file beside it that has its name."""
+    other = {".src": ".dat", ".dat": ".src"}.get(path.suffix.lower())
+    if other is None:
+        return []
+    beside = sorted(path.parent.glob("*"))
+    return [each for each in beside if each.stem.lower() == path.stem.lower() and each.suffix.lower() == other][:1]
 
 
 def language_of(path: Path) -> str:
@@ -91,52 +121,72 @@ def language_of(path: Path) -> str:
     return language
 
 
-def frame_given(language: str, option: str, text: str | None) -> Array | None:
-    """Transform (4, 4), mm, of a frame that a user gives in the maker's own numbers. Raises CalibError."""
-    if text is None:
-        return None
-    wrong = CalibError(f"{option} {text}: for {language} a frame is {NUMBERS[language]} numbers {FORM[language]}")
-    try:
-        values = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        raise wrong from None
-    if len(values) != NUMBERS[language] or not np.isfinite(values).all():
-        raise wrong
-    try:
-        return pose_transform(language, values)
-    except ValueError as error:
-        raise CalibError(f"{option} {text}: {error}") from None
+Frames = Mapping[str, Array]
+"""Transforms (4, 4), mm, by the names that a program has for them, lower case; "" for all that are not named."""
 
 
-def require_frames(program: Program, tool: Array | None, work: Array | None) -> None:
+def frames_given(language: str, option: str, texts: Sequence[str]) -> Frames:
+    """Frames that a user gives in the maker's own numbers, each as NUMBERS or NAME=NUMBERS. Raises CalibError."""
+    found: dict[str, Array] = {}
+    for text in texts:
+        name, _, listed = text.rpartition("=")
+        wrong = CalibError(
+            f"{option} {text}: for {language} a frame is {NUMBERS[language]} numbers {FORM[language]}, or NAME=numbers"
+        )
+        try:
+            values = np.array([float(part) for part in listed.split(",")])
+        except ValueError:
+            raise wrong from None
+        if len(values) != NUMBERS[language] or not np.isfinite(values).all():
+            raise wrong
+        if name.strip().lower() in found:
+            raise CalibError(f"{option} {text}: given twice for {name.strip() or 'the same frame'}")
+        try:
+            found[name.strip().lower()] = pose_transform(language, values)
+        except ValueError as error:
+            raise CalibError(f"{option} {text}: {error}") from None
+    return found
+
+
+def require_frames(program: Program, tools: Frames, works: Frames) -> None:
     """Raise CalibError where a target's tool or work frame is neither in the program nor given, or not alone."""
     for option, given, frames in (
-        ("--tool-frame", tool, [(target, target.tool) for target in program.targets]),
-        ("--work-frame", work, [(target, target.work) for target in program.targets]),
+        ("--tool-frame", tools, [(target, target.tool) for target in program.targets]),
+        ("--work-frame", works, [(target, target.work) for target in program.targets]),
     ):
-        open_: dict[str, ProgramTarget] = {}
+        open_: dict[str, tuple[NamedFrame, ProgramTarget]] = {}
         for target, frame in frames:
             if frame is not None and frame.transform is None:
-                open_.setdefault(frame.name, target)
-        if not open_ and given is not None:
-            raise CalibError(f"{program.path}: no target needs {option}: the program defines its own; leave it out")
-        if open_ and given is None:
-            name, target = next(iter(open_.items()))
-            form, _, units = FORM[program.language].partition(" ")
-            raise CalibError(
-                f"{program.path}: line {target.line}: {target.name} needs {name}, which this file does not define; "
-                f"give it as {option}={form} ({units})"
+                open_.setdefault(frame.name.lower(), (frame, target))
+        unneeded = [name for name in given if (name not in open_ if name else not open_.keys() - given.keys())]
+        if unneeded:
+            what = f"{option} {unneeded[0]}".rstrip()
+            raise CalibError(f"{program.path}: no target needs {what}: the program defines its own; leave it out")
+        left = [open_[name] for name in open_ if name not in given]
+        form, _, units = FORM[program.language].partition(" ")
+        if left and "" not in given:
+            frame, target = left[0]
+            several = (
+                "" if len(left) == 1 else f", and so do {len(left) - 1} others: {_names(left)}; each as NAME={form}"
             )
-        if len(open_) > 1:
             raise CalibError(
-                f"{program.path}: {option} is one frame, and the file leaves {len(open_)} open: {', '.join(open_)}; "
-                "correct a file for each"
+                f"{program.path}: line {target.line}: {target.name} needs {frame.name}, which this file does not "
+                f"define; give it as {option}={form} ({units}), or name its file as --with FILE{several}"
+            )
+        if len(left) > 1:
+            raise CalibError(
+                f"{program.path}: {option} is one frame, and the file leaves {len(left)} open: {_names(left)}; "
+                f"give each as {option} 'NAME={form}'"
             )
 
 
-def frame_of(frame: NamedFrame | None, given: Array | None) -> Array:
+def _names(open_: Sequence[tuple[NamedFrame, ProgramTarget]]) -> str:
+    return ", ".join(frame.name for frame, _ in open_)
+
+
+def frame_of(frame: NamedFrame | None, given: Frames) -> Array:
     """Transform of a target's frame, the program's own or the given one."""
-    known = None if frame is None else frame.transform
-    found = known if known is not None else given
-    assert found is not None  # by require_frames
-    return found
+    if frame is not None and frame.transform is not None:
+        return frame.transform
+    name = "" if frame is None else frame.name.lower()
+    return given[name] if name in given else given[""]  # by require_frames there is one

@@ -17,7 +17,7 @@ from calib.present.fit.calibration import tool_shift_sentence
 from calib.present.moves.correction import correction_blocks, correction_document
 from calib.present.moves.program_correction import program_correction_blocks, program_correction_document
 from calib.rendering.text import block_text
-from calib.robot_formats.program_targets import Program, frame_given, load_program, require_frames
+from calib.robot_formats.program_targets import Frames, Program, frames_given, load_program, require_frames
 from calib.robot_formats.programs import is_point_list, require_joints, require_point_list
 from inspector.cli.calibrate_command import fitted, require_plausible
 from inspector.cli.dataset_commands import load, measured, show
@@ -31,7 +31,9 @@ def run_correct(options: CorrectOptions) -> int:
     if options.model is not None:
         refuse_fit_options(options)
     dataset = load(options.path, options.leave_out, options.finder)
-    check_outputs(dataset, [options.out], [options.joints, options.program, options.effects_file, options.model])
+    check_outputs(
+        dataset, [options.out], [options.joints, options.program, *options.others, options.effects_file, options.model]
+    )
     if options.model is not None:
         model = load_model(options.model, options.effects_file)
         model.require_same_arm(dataset)
@@ -49,8 +51,8 @@ def _correct(options: CorrectOptions, dataset: Dataset) -> Callable[[FittedModel
     """The targets as they were read, to be corrected by a model."""
     if options.program is not None:
         return partial(_write_program, options, dataset, _program(options, dataset))
-    for option, given in (("--tool-frame", options.tool_frame), ("--work-frame", options.work_frame)):
-        if given is not None:
+    for option, given in (*_frames(options), ("--with", options.others)):
+        if given:
             raise CalibError(f"{option} goes with --program; joint targets have no frames")
     assert options.joints is not None  # one of the two is required
     if is_point_list(options.out):
@@ -70,24 +72,28 @@ def _write_targets(options: CorrectOptions, dataset: Dataset, targets: Targets, 
 def _program(options: CorrectOptions, dataset: Dataset) -> Program:
     """The program, once its robot, frames and output are seen to fit."""
     assert options.program is not None
-    program = load_program(options.program)
+    program = load_program(options.program, options.others)
     require_joints(options.program, program.language, dataset.robot.is_revolute.tolist())
     if options.out.suffix.lower() != options.program.suffix.lower():
         raise CalibError(
             f"--out {options.out}: a corrected program has the suffix of its own, {options.program.suffix}"
         )
-    tool, work = (frame_given(program.language, option, text) for option, text in _frames(options))
-    require_frames(program, tool, work)
+    require_frames(program, *_given(options, program))
     return program
 
 
-def _frames(options: CorrectOptions) -> tuple[tuple[str, str | None], tuple[str, str | None]]:
+def _frames(options: CorrectOptions) -> tuple[tuple[str, list[str]], tuple[str, list[str]]]:
     return ("--tool-frame", options.tool_frame), ("--work-frame", options.work_frame)
+
+
+def _given(options: CorrectOptions, program: Program) -> tuple[Frames, Frames]:
+    tools, works = (frames_given(program.language, option, texts) for option, texts in _frames(options))
+    return tools, works
 
 
 def _write_program(options: CorrectOptions, dataset: Dataset, program: Program, model: FittedModel) -> int:
     require_no_conditions(program, model.needs, model.model.family_names)
-    tool, work = (frame_given(program.language, option, text) for option, text in _frames(options))
+    tool, work = _given(options, program)
     trained = dataset.poses.q
     result = corrected_program(program, dataset.robot, model, trained, kind=options.what, tool=tool, work=work)
     write_bytes_atomically(options.out, result.content)

@@ -117,8 +117,9 @@ class CorrectOptions(_FittingOptions):
     model: Path | None  # a model.json in place of a fit
     joints: Path | None  # a table of joint targets, or
     program: Path | None  # a robot program
-    tool_frame: str | None  # of the program, in the maker's numbers
-    work_frame: str | None
+    tool_frame: list[str]  # of the program, in the maker's numbers, each perhaps with its name
+    work_frame: list[str]
+    others: list[Path]  # more files of the program
     out: Path
     what: str | None
     force: bool
@@ -307,6 +308,8 @@ class RobotFileOptions(Output):
     model: str | None
     xacro_arg: Sequence[tuple[str, str]]
     package: Sequence[tuple[str, Path]]
+    srdf: str | None  # FILE or FILE#GROUP
+    joint_limits: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -289,6 +289,52 @@ def test_a_frame_that_is_not_defined_has_to_be_given(cell: Cell, tmp_path: Path)
         run("RAPID", cell, text, tmp_path, tool=cell.tool)
 
 
+def test_several_frames_are_given_by_their_names(cell: Cell, tmp_path: Path) -> None:
+    text = written("KRL", cell)
+    tool, base = (listed("KRL", makers("KRL", frame)) for frame in (cell.tool, cell.work))
+    open_ = text.replace(f"$TOOL={{{tool}}}", "$TOOL=TOOL_DATA[4]").replace(f"$BASE={{{base}}}", "$BASE=BASE_DATA[2]")
+    open_ = open_.replace("END", "$BASE=BASE_DATA[3]\r\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\r\nEND")
+    works = {"base_data[2]": cell.work}
+    with pytest.raises(CalibError, match=r"needs BASE_DATA\[3\]"):
+        run("KRL", cell, open_, tmp_path, tool=cell.tool, work=works)
+    with pytest.raises(CalibError, match=r"leaves 2 open: BASE_DATA\[2\], BASE_DATA\[3\]"):
+        run("KRL", cell, open_, tmp_path, tool=cell.tool, work=cell.work)
+    given = run("KRL", cell, open_, tmp_path, tool=cell.tool, work=works | {"": np.eye(4)})
+    wanted = read_back("KRL", run("KRL", cell, text, tmp_path).content.decode())
+    found = read_back("KRL", given.content.decode())
+    np.testing.assert_allclose(found[0], wanted[0], atol=1e-12)
+    np.testing.assert_allclose(found[1][:-1] if len(found[1]) > len(wanted[1]) else found[1], wanted[1], atol=1e-8)
+
+
+def test_qnear_and_frames_of_urscript_count(cell: Cell, tmp_path: Path) -> None:
+    turned = Q + np.array([0.0, 0.0, 0.0, np.pi, 0.0, np.pi])
+    turned[:, 4] *= -1.0  # the other posture of the wrist at the same places
+    frame, tool = (listed("URScript", makers("URScript", each)) for each in (cell.work, cell.tool))
+    lines = [f"set_tcp({tool})", f"frame = {frame}", f"movej([{', '.join(f'd2r({v:.7f})' for v in np.degrees(Q[0]))}])"]
+    for k, q in enumerate(turned):
+        pose = np.linalg.inv(cell.work) @ flange(cell.nominal.table, q) @ cell.tool
+        lines += [
+            f"q{k} = [{', '.join(f'{v:.3f}' for v in q)}]",
+            f"p{k} = pose_trans(frame, {listed('URScript', makers('URScript', pose))})",
+            f"movej(get_inverse_kin(p{k}, qnear=q{k}), a=1.2)",
+        ]
+    result = run("URScript", cell, "\n".join(lines), tmp_path)
+    assert result.reached
+    np.testing.assert_allclose(result.correction.q_nominal, [Q[0], *turned], atol=1e-7)
+    new = [
+        np.array([float(v) for v in re.findall(NUMBER, m[1])])
+        for m in re.finditer(r"frame, p\[([^\]]*)", result.content.decode())
+    ]
+    for q, values in zip(turned, new, strict=True):
+        at = cell.work @ of_maker("URScript", values) @ np.linalg.inv(cell.tool)
+        stands = flange(cell.true.table, inverse(cell.nominal.table, at, q)) @ cell.tool
+        wanted = flange(cell.nominal.table, q) @ cell.tool
+        assert np.linalg.norm(stands[:3, 3] - wanted[:3, 3]) < 2e-5
+    degrees = [float(v) for v in re.findall(rf"d2r\(({NUMBER})\)", result.content.decode())]
+    stands = flange(cell.true.table, np.radians(degrees))
+    np.testing.assert_allclose(stands, flange(cell.nominal.table, Q[0]), atol=2e-4)
+
+
 def test_postures_are_found_at_places_all_over(cell: Cell) -> None:
     q = np.random.default_rng(8).uniform(-2.5, 2.5, (40, 6))
     places = [

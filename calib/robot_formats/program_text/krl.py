@@ -8,31 +8,38 @@ BASE_DATA.
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
 
+from calib.robot_formats.program_text.flow import Mark, reaching
 from calib.robot_formats.program_text.pose_numbers import pose_transform
 from calib.robot_formats.program_text.source import (
     Group,
+    Held,
     LeftLiteral,
     NamedFrame,
     Number,
     ProgramTarget,
     ProgramTargets,
     Source,
-    distinct_frames,
-    with_frames,
+    external_axes,
+    framed,
 )
 
 MASKED = re.compile(r"\"[^\"\r\n]*\"?|;[^\r\n]*|(?:(?<=\n)|(?<=\r)|\A)[ \t]*&[^\r\n]*")
 JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
 POSE = ("X", "Y", "Z", "A", "B", "C")
-_BESIDES = {"S", "T", "E1", "E2", "E3", "E4", "E5", "E6"}
-_MOTIONS = {"PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL"}
+_EXTERNAL = {"E1", "E2", "E3", "E4", "E5", "E6"}
+_BESIDES = {"S", "T", *_EXTERNAL}
+_POSITIONS = ("POS", "E6POS", "AXIS", "E6AXIS")
+_CIRCULAR = {"CIRC", "SCIRC"}
+_CONTINUOUS = {"LIN", "SLIN", "SPL", *_CIRCULAR}
+_MOTIONS = {"PTP", "SPTP", *_CONTINUOUS}
 _COMPONENT = re.compile(r"\s*([A-Za-z_]\w*)\s+(\S.*?)\s*", re.DOTALL)
-_ASSIGNED = re.compile(r"(\$?[A-Za-z_]\w*)\s*(?:\[\s*(\d*)[^\]]*\])?\s*(?<![=<>])=$")
+_ASSIGNED = re.compile(r"([\w$\]]*\.)?(\$?[A-Za-z_]\w*)\s*(?:\[\s*(\d*)[^\]]*\])?\s*(?<![=<>])=$")
 _DECLARED = re.compile(
     r"\b(E6POS|POS|E6AXIS|AXIS|FRAME|FDAT|LDAT|PDAT|LOAD)\b[ \t]+([A-Za-z_]\w*(?:[ \t]*\[[^\]\r\n]*\])?"
     r"(?:[ \t]*,[ \t]*[A-Za-z_]\w*(?:[ \t]*\[[^\]\r\n]*\])?)*)",
@@ -42,6 +49,13 @@ _FRAME_SET = re.compile(r"(?<![\w$])\$(BASE|TOOL)\b(\.\w+)?\s*=(?!=)\s*", re.IGN
 _BAS = re.compile(r"\bBAS\s*\(\s*#(BASE|TOOL)\s*,\s*(\w+)\s*\)", re.IGNORECASE)
 _DATA = re.compile(r"\$?(BASE|TOOL)_DATA\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
 _NUMBER_OF = re.compile(r"\b(BASE|TOOL)_NO\s+(-?\d+)", re.IGNORECASE)
+_MOTION = re.compile(rf"^[ \t]*(?:{'|'.join(sorted(_MOTIONS))})\b", re.IGNORECASE | re.MULTILINE)
+_STATEMENT = re.compile(r"(?:\A|(?<=[\r\n]))[ \t]*(?:GLOBAL[ \t]+)?([A-Za-z_]\w*)", re.IGNORECASE)
+_INDEX = re.compile(r"^\s*\[[^\]\r\n]*\]")
+_COMPONENT_SET = re.compile(r"\s*\.\s*(\w+)\s*=(?!=)(.*)")
+_DECLARES = re.compile(r"\s*(?:GLOBAL\s+)?(?:DECL|EXT|DEF|DEFFCT)\b", re.IGNORECASE)
+_ACTIVE = re.compile(r"\bFDAT_ACT\s*=\s*([A-Za-z_]\w*)", re.IGNORECASE)
+_VARIABLE_SET = re.compile(r"(?<![\w$.\]])([A-Za-z_]\w*)[ \t]*(\.[ \t]*\w+[ \t]*)?=(?!=)[ \t]*", re.IGNORECASE)
 _FIXED_TOOL = re.compile(r"\$IPO_MODE\s*=\s*#TCP\b|\bIPO_FRAME\s+#TCP\b", re.IGNORECASE)
 _UNKNOWN = {"TOOL": "the tool (the file sets no $TOOL)", "BASE": "the base (the file sets no $BASE)"}
 
@@ -49,10 +63,10 @@ _UNKNOWN = {"TOOL": "the tool (the file sets no $TOOL)", "BASE": "the base (the 
 def krl_targets(source: Source) -> ProgramTargets:
     """Targets of a KRL source or data file. Raises CalibError where brackets do not match."""
     left: list[LeftLiteral] = []
-    found: list[tuple[ProgramTarget, bool]] = []  # and whether it is held by a variable
+    found: list[Held] = []
+    outside: list[int] = []  # lines of targets whose external axes stand elsewhere than at 0
     types = _declared(source)
-    frames = _Frames(source)
-    for group in source.groups:
+    for group in source.own_groups:
         if group.bracket != "{" or any(child.bracket == "{" for child in group.children):
             continue
         parts = _components(source, group)
@@ -70,40 +84,49 @@ def krl_targets(source: Source) -> ProgramTargets:
             left.append(LeftLiteral(line, what, reason or str(numbers)))
             continue
         ranges = _ranges(source, parts) if kind == "pose" else ()
-        held = bool(name)
-        name = name or _first_word(source, group.start).upper()
-        target = ProgramTarget(name, line, kind, numbers, group.start, ranges_deg=ranges)  # type: ignore[arg-type]
-        found.append((target, held))
-    uses = _motions_of(source, {target.name.partition("[")[0].upper() for target, held in found if held})
-    used = {
-        name: (
-            distinct_frames(frames.at("TOOL", place) for place in places),
-            distinct_frames(frames.at("BASE", place) for place in places),
-        )
-        for name, places in uses.items()
+        shown = name or _first_word(source, group.start).upper()
+        target = ProgramTarget(shown, line, kind, numbers, group.start, ranges_deg=ranges)  # type: ignore[arg-type]
+        found.append(Held(target, name.partition("[")[0].upper()))
+        external = source.numbers([span for each, span in parts.items() if each in _EXTERNAL])
+        if isinstance(external, str) or any(number.value for number in external):
+            outside.append(line)
+    moves = _MOTION.search(source.code) is not None
+    uses = _uses(source, {held.variable for held in found if held.variable})
+    fits: list[Held] = []
+    for held in found:
+        target, own = held.target, uses.get(held.variable, [])
+        reason = _unfit(source, held, own, types) if held.variable else ""
+        if not reason and target.kind == "joints" and moves and held.variable and not any(use.motion for use in own):
+            reason = "no motion of the program uses it"
+        if reason:
+            left.append(LeftLiteral(target.line, target.name, reason))
+            continue
+        words = [use.motion for use in own if use.motion] or [_first_word(source, target.place).upper()]
+        # the controller keeps the posture in linear and circular motions, whatever S and T are
+        bind = not set(words) & _CONTINUOUS
+        fits.append(replace(held, target=replace(target, ranges_bind=bind)))
+    places = {
+        held.target.place: [use.place for use in uses.get(held.variable, []) if use.motion] or [held.target.place]
+        for held in fits
     }
-    fixed_tool = _FIXED_TOOL.search(source.code)
-    targets: list[ProgramTarget] = []
-    for target, held in found:
-        if target.kind == "pose":
-            if fixed_tool is not None:
-                reason = f"line {source.line(fixed_tool.start())} moves a workpiece at a fixed tool"
-                left.append(LeftLiteral(target.line, target.name, reason))
-                continue
-            base_name = target.name.partition("[")[0].upper()
-            numbered = frames.numbered(base_name) if held else None
-            tools, works = [frames.at("TOOL", target.place)], [frames.at("BASE", target.place)]
-            if numbered:
-                tools, works = [numbered[0]], [numbered[1]]
-            elif held and base_name in used:
-                tools, works = used[base_name]
-            with_both = with_frames(target, tools, works)
-            if isinstance(with_both, str):
-                left.append(LeftLiteral(target.line, target.name, with_both))
-                continue
-            target = with_both
-        targets.append(target)
-    return ProgramTargets(tuple(targets), tuple(sorted(left, key=lambda each: each.line)))
+    frames = _Frames(source, {place for each in places.values() for place in each})
+
+    def frames_of(held: Held) -> tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str:
+        numbered = frames.numbered(held.variable) if held.variable else None
+        if numbered is not None:
+            return numbered
+        own = places[held.target.place]
+        if moves and own == [held.target.place] and held.variable:
+            return "no motion of the program uses it, so its tool and base are not known"
+        fixed = frames.fixed_tool()
+        if fixed is not None:
+            return f"{source.at_line(fixed)} moves a workpiece at a fixed tool"
+        tools, bases = ([frame for place in own for frame in frames.at(kind, place)] for kind in ("TOOL", "BASE"))
+        return tools, bases
+
+    targets, without = framed(fits, frames_of)
+    notes = external_axes(outside)
+    return ProgramTargets(tuple(targets), tuple(sorted([*left, *without], key=lambda each: each.line)), notes)
 
 
 def _components(source: Source, group: Group) -> dict[str, tuple[int, int]]:
@@ -131,12 +154,14 @@ def _place_of(source: Source, group: Group, types: dict[str, str]) -> tuple[str,
         return "", "a relative motion"
     assigned = _ASSIGNED.search(before)
     if assigned is not None and group.parent is None:
-        name, index = assigned[1], assigned[2]
+        name, index = assigned[2], assigned[3]
+        if assigned[1]:
+            return name, "a component of a structure"
         if name.startswith("$") or name.upper() in ("BASE_DATA", "TOOL_DATA"):
             is_frame = re.fullmatch(r"\$?(BASE|TOOL)(_DATA)?", name, re.IGNORECASE)
             return name, "the definition of a tool or base" if is_frame else "a variable of the system"
         kind = types.get(name.upper(), "")
-        if kind in ("FRAME", "LOAD"):
+        if kind not in ("", "FRAME", *_POSITIONS):
             return name, f"a {kind}, no position"
         return (f"{name}[{index}]" if index else name), ""
     if group.parent is None and first in _MOTIONS:
@@ -174,19 +199,54 @@ def _ranges(source: Source, parts: dict[str, tuple[int, int]]) -> tuple[tuple[fl
     return tuple((-inf, 0.0) if turns >> k & 1 else (0.0, inf) for k in range(6))
 
 
-def _motions_of(source: Source, names: set[str]) -> dict[str, list[int]]:
-    """Places at which motions use variables, by their upper-case names."""
-    found: dict[str, list[int]] = {}
+@dataclass(frozen=True)
+class _Use:
+    """One use of a variable."""
+
+    place: int
+    motion: str = ""  # upper case, where the variable is its destination, or the start of one
+    sets: str = ""  # component that is set anew, without the variable itself
+
+
+def _uses(source: Source, names: set[str]) -> dict[str, list[_Use]]:
+    """Uses of variables by their upper-case names, their own assignments left out."""
+    found: dict[str, list[_Use]] = {}
     for word in source.words:
-        if word.text.upper() in names and _first_word(source, word.place).upper() in _MOTIONS:
-            found.setdefault(word.text.upper(), []).append(word.place)
+        name = word.text.upper()
+        if name not in names or source.code[word.place - 1 : word.place] in (".", "#"):
+            continue
+        behind = source.code[word.place + len(word.text) : source.line_end(word.place)]
+        rest = _INDEX.sub("", behind, count=1)
+        component = _COMPONENT_SET.match(rest)
+        if component is not None:
+            again = re.search(rf"\b{re.escape(word.text)}\b", component[2], re.IGNORECASE)
+            found.setdefault(name, []).append(_Use(word.place, sets="" if again else component[1]))
+            continue
+        if re.match(r"\s*=(?!=)", rest) or _DECLARES.match(source.code, source.line_start(word.place)):
+            continue
+        motion = _first_word(source, word.place).upper()
+        before = source.code[source.line_start(word.place) : word.place]
+        is_first = re.fullmatch(r"\s*\w+\s+", before) is not None
+        is_second = motion in _CIRCULAR and before.rstrip().endswith(",")
+        fits = motion in _MOTIONS and (is_first or is_second) and not rest.lstrip().startswith((".", "("))
+        found.setdefault(name, []).append(_Use(word.place, motion if fits else ""))
     return found
 
 
-class _Frames:
-    """Tools and bases of a file: what it sets in its order, and its numbered data."""
+def _unfit(source: Source, held: Held, uses: list[_Use], types: dict[str, str]) -> str:
+    """Reason why a variable with these uses holds no target; "" where it does."""
+    changed = next((use for use in uses if use.sets), None)
+    if changed is not None:
+        return f"{source.at_line(changed.place)} sets its {changed.sets} anew"
+    if types.get(held.variable) == "FRAME" and not (uses and all(use.motion for use in uses)):
+        return "a FRAME, no position"
+    return ""
 
-    def __init__(self, source: Source) -> None:
+
+class _Frames:
+    """Tools and bases of a program: what may be set at places, and the numbered data."""
+
+    def __init__(self, source: Source, places: Iterable[int]) -> None:
         self._source = source
         self._by_start = {group.start: group for group in source.groups if group.bracket == "{"}
         self._data: dict[tuple[str, int], NamedFrame] = {}
@@ -194,30 +254,58 @@ class _Frames:
             equals = re.compile(r"\s*=(?!=)\s*").match(source.code, match.end())
             if equals is not None:
                 key = (match[1].upper(), int(match[2][:9]))
-                several = key in self._data
-                self._data[key] = NamedFrame(_name(*key), None if several else self._literal(equals.end()))
-        self._events: dict[str, list[tuple[int, NamedFrame]]] = {"BASE": [], "TOOL": []}
-        for match in _FRAME_SET.finditer(source.code):
-            self._events[match[1].upper()].append((match.start(), self._set(match)))
-        for match in _BAS.finditer(source.code):
-            kind, number = match[1].upper(), match[2]
-            unknown = NamedFrame(f"{kind}_DATA[{number}]", None)
-            frame = self._number(kind, int(number[:9])) if number.isdigit() else unknown
-            self._events[kind].append((match.start(), frame))
-        self._places: dict[str, list[int]] = {}
-        for kind, events in self._events.items():
-            events.sort(key=lambda each: each[0])
-            self._places[kind] = [place for place, _ in events]
+                frame = NamedFrame(_name(*key), self._literal(equals.end()))
+                known = self._data.setdefault(key, frame)
+                self._data[key] = frame if known == frame else NamedFrame(_name(*key), None)
+        self._variables = self._read_variables()
+        self._fixed = {match.start() for match in _FIXED_TOOL.finditer(source.code)}
         self._fdat = self._read_fdat()
+        blocks = list(_blocks(source))
+        uses = [Mark[NamedFrame](place, "use") for place in places]
+        self._at = {
+            kind: reaching([*blocks, *self._sets(kind), *uses], NamedFrame(_UNKNOWN[kind], None), top_first=False)
+            for kind in ("TOOL", "BASE")
+        }
 
-    def at(self, kind: str, place: int) -> NamedFrame:
-        """Frame that the last assignment in front of a place sets."""
-        k = bisect_left(self._places[kind], place)
-        return self._events[kind][k - 1][1] if k else NamedFrame(_UNKNOWN[kind], None)
+    def at(self, kind: str, place: int) -> Iterable[NamedFrame]:
+        """Frames that may be set at a place."""
+        source = self._source
+        of_motion = [
+            match
+            for match in _FRAME_SET.finditer(source.code, place, source.line_end(place))
+            if match[1].upper() == kind
+        ]
+        if of_motion:
+            return [self._set(of_motion[0])]
+        return self._at[kind].get(place) or [NamedFrame(_UNKNOWN[kind], None)]
 
-    def numbered(self, name: str) -> tuple[NamedFrame, NamedFrame] | None:
+    def numbered(self, name: str) -> tuple[list[NamedFrame], list[NamedFrame]] | str | None:
         """Tool and base of a point by its FDAT: that of XP1 is FP1."""
         return self._fdat.get("F" + name.removeprefix("X"))
+
+    def fixed_tool(self) -> int | None:
+        """Place at which the program's motions change to a fixed tool; None where they do not."""
+        return min(self._fixed, default=None)
+
+    def _sets(self, kind: str) -> list[Mark[NamedFrame]]:
+        source = self._source
+        found = [
+            Mark(match.start(), "set", value=self._set(match))
+            for match in _FRAME_SET.finditer(source.code)
+            if match[1].upper() == kind and _first_word(source, match.start()).upper() not in _MOTIONS
+        ]
+        for match in _BAS.finditer(source.code):
+            number = match[2]
+            if match[1].upper() == kind:
+                unknown = NamedFrame(f"{kind}_DATA[{number}]", None)
+                frame = self._number(kind, int(number[:9])) if number.isdigit() else unknown
+                found.append(Mark(match.start(), "set", value=frame))
+        for match in _ACTIVE.finditer(source.code):
+            known = self._fdat.get(match[1].upper())
+            frames = known[kind == "BASE"] if isinstance(known, tuple) else []
+            frame = frames[0] if frames else NamedFrame(f"the {kind.lower()} of {match[1]}", None)
+            found.append(Mark(match.start(), "set", value=frame))
+        return found
 
     def _number(self, kind: str, number: int) -> NamedFrame:
         if number == 0:
@@ -227,15 +315,27 @@ class _Frames:
     def _set(self, match: re.Match[str]) -> NamedFrame:
         source, kind, place = self._source, match[1].upper(), match.end()
         rest = source.code[place : source.line_end(place)].strip()
-        name = f"${kind} of line {source.line(match.start())}"
+        name = f"${kind} of {source.at_line(match.start())}"
         if match[2]:  # a component of the frame
             return NamedFrame(name, None)
-        if rest.upper() == "$NULLFRAME" or (kind == "BASE" and rest.upper() in ("$WORLD", "$ROBROOT")):
-            return NamedFrame(rest, np.eye(4))
-        data = _DATA.fullmatch(rest)
+        value = re.split(r"\s*,\s*\$|\s+C_\w+", rest, maxsplit=1)[0]
+        if value.upper() == "$NULLFRAME" or (kind == "BASE" and value.upper() in ("$WORLD", "$ROBROOT")):
+            return NamedFrame(value, np.eye(4))
+        data = _DATA.fullmatch(value)
         if data is not None and data[1].upper() == kind:
             return self._number(kind, int(data[2][:9]))
+        if value.upper() in self._variables:
+            return NamedFrame(value, self._variables[value.upper()])
         return NamedFrame(name, self._literal(place))
+
+    def _read_variables(self) -> dict[str, np.ndarray | None]:
+        """Frames that variables hold, by their upper-case names; None where one is set several times or in parts."""
+        found: dict[str, np.ndarray | None] = {}
+        for match in _VARIABLE_SET.finditer(self._source.code):
+            name = match[1].upper()
+            transform = None if match[2] else self._literal(match.end())
+            found[name] = None if name in found else transform
+        return found
 
     def _literal(self, place: int) -> np.ndarray | None:
         """Transform (4, 4) of the whole aggregate at a place; None where there is no plain one."""
@@ -244,23 +344,52 @@ class _Frames:
             return None
         parts = _components(self._source, group)
         rest = self._source.code[group.end : self._source.line_end(group.end)].strip()
-        if rest or set(parts) != set(POSE):
+        if (rest and not re.match(r",\s*\$|C_\w+", rest)) or set(parts) != set(POSE):
             return None
         numbers = self._source.numbers([parts[each] for each in POSE])
         return None if isinstance(numbers, str) else pose_transform("KRL", _values(numbers))
 
-    def _read_fdat(self) -> dict[str, tuple[NamedFrame, NamedFrame]]:
-        found: dict[str, tuple[NamedFrame, NamedFrame]] = {}
+    def _read_fdat(self) -> dict[str, tuple[list[NamedFrame], list[NamedFrame]] | str]:
+        found: dict[str, tuple[list[NamedFrame], list[NamedFrame]] | str] = {}
         for match in re.finditer(r"\bFDAT\s+([A-Za-z_]\w*)\s*=\s*", self._source.code, re.IGNORECASE):
             group = self._by_start.get(match.end())
             if group is None:
                 continue
             inside = self._source.code[group.start : group.end]
             numbers = {m[1].upper(): int(m[2][:9]) for m in _NUMBER_OF.finditer(inside)}
-            if {"TOOL", "BASE"} <= set(numbers):
-                pair = (self._number("TOOL", numbers["TOOL"]), self._number("BASE", numbers["BASE"]))
+            fixed = {place for place in self._fixed if group.start <= place < group.end}
+            self._fixed -= fixed
+            if fixed:
+                found[match[1].upper()] = "it moves a workpiece at a fixed tool (IPO_FRAME #TCP)"
+            elif {"TOOL", "BASE"} <= set(numbers):
+                pair = ([self._number("TOOL", numbers["TOOL"])], [self._number("BASE", numbers["BASE"])])
                 found[match[1].upper()] = pair
         return found
+
+
+def _blocks(source: Source) -> Iterable[Mark[NamedFrame]]:
+    """Marks of the program's routines, branches, loops and calls."""
+    for match in _STATEMENT.finditer(source.code):
+        word, place = match[1].upper(), match.start(1)
+        if word in ("DEF", "DEFFCT"):
+            name = re.compile(r"[^\r\n(]*?(\w+)\s*\(").match(source.code, match.end())
+            yield Mark(place, "routine", name[1].upper() if name else "")
+        elif word in ("IF", "SWITCH"):
+            yield Mark(place, "if", word)
+            if word == "SWITCH":  # nothing stands before the first CASE
+                continue
+        elif word in ("ELSE", "CASE", "DEFAULT"):
+            yield Mark(place, "else", "case" if word == "CASE" else "")
+        elif word in ("FOR", "WHILE"):
+            yield Mark(place, "loop")
+        elif word in ("LOOP", "REPEAT"):
+            yield Mark(place, "loop", "always")
+        elif word in ("END", "ENDFCT", "ENDIF", "ENDSWITCH", "ENDFOR", "ENDWHILE", "ENDLOOP", "UNTIL"):
+            yield Mark(place, "end")
+        if word not in ("DEF", "DEFFCT", "EXT", "EXTFCT", "EXTFCTP", "DECL"):
+            line = source.code[place : source.line_end(place)]
+            for call in re.finditer(r"(?<![\w$#.])([A-Za-z_]\w*)\s*\(", line):
+                yield Mark(place + call.start(), "call", call[1].upper())
 
 
 def _name(kind: str, number: int) -> str:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -21,6 +23,8 @@ from calib.errors import CalibError
 
 NUMBER = re.compile(r"[+-]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 LARGEST = 1e7  # mm, m, rad or deg: no coordinate and no joint value of any arm is beyond
+_WRAPPED = re.compile(rf"\s*(?:([A-Za-z]\w*)\s*\(\s*)?({NUMBER.pattern})\s*(\))?\s*")
+_BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, read as Latin-1
 _TOKEN = re.compile(r"[()\[\]{},]|[A-Za-z_$][\w$]*")
 _CLOSING = {")": "(", "]": "[", "}": "{"}
 _LONGEST_SHOWN = 60  # characters of a literal in a message
@@ -35,18 +39,29 @@ class Number:
     end: int
     value: float
     decimals: int  # behind the point, an exponent counted
+    unit: float = 1.0  # value of a written 1, as of d2r(1)
 
-    def written(self, value: float, least_decimals: int) -> str:
-        """Text of a new value with the decimals of this number, and not fewer than a least count."""
-        return f"{value:z.{max(self.decimals, least_decimals)}f}"
+    def written(self, value: float, least_decimals: int) -> str | None:
+        """Text of a new value with this number's decimals, and not fewer than a least count; None where it stays."""
+        text = f"{value / self.unit:z.{max(self.decimals, least_decimals)}f}"
+        return None if float(text) == round(self.value / self.unit, self.decimals) else text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NamedFrame:
-    """A tool or work frame that a target refers to."""
+    """A tool or work frame that a target refers to; two are the same where name and numbers are."""
 
     name: str  # as the program calls it
-    transform: Array | None  # (4, 4) mm; None where the program's file does not define it
+    transform: Array | None  # (4, 4) mm; None where the program's files do not define it
+
+    def _key(self) -> tuple[str, bytes]:
+        return self.name.lower(), b"" if self.transform is None else self.transform.tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, NamedFrame) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
 
 
 @dataclass(frozen=True)
@@ -61,6 +76,8 @@ class ProgramTarget:
     tool: NamedFrame | None = None  # flange_T_tool; None for joints
     work: NamedFrame | None = None  # base_T_work; None for joints
     ranges_deg: tuple[tuple[float, float], ...] = ()  # of each commanded joint value by the configuration; () if none
+    ranges_bind: bool = True  # whether the controller refuses another configuration
+    near: tuple[float, ...] = ()  # joint values near those of a pose, in the program's own units; () if none are told
 
     @property
     def values(self) -> Array:
@@ -118,31 +135,66 @@ class Word:
 
 
 class Source:
-    """A program's text, and the same with comments and the insides of strings blanked."""
+    """A program's text, and the same with comments and the insides of strings blanked.
 
-    def __init__(self, path: str, text: str, masked: re.Pattern[str]) -> None:
-        """Mask the matches of a pattern: comments wholly, strings but for their quotes."""
-        self.path = path
+    The texts of other files of the program follow its own. What is found there defines frames and uses targets.
+    """
+
+    def __init__(self, path: str, text: str, masked: re.Pattern[str], others: Sequence[tuple[str, str]] = ()) -> None:
+        """Mask the matches of a pattern: comments wholly, strings but for their quotes.
+
+        Args:
+            path: of the program's file.
+            text: of the program.
+            masked: what is no code.
+            others: paths and texts of other files.
+        """
+        self.own_end = len(text)
+        self._files = [(0, path)]
+        for other, more in others:
+            text += "\n"
+            self._files.append((len(text), other))
+            text += more
         self.text = text
-        self.code = masked.sub(_blank, text)
+        self.code = masked.sub(_blank, text.replace(_BYTE_ORDER_MARK, "   "))
 
     @cached_property
     def line_starts(self) -> list[int]:
         """Places at which lines start."""
         return [0, *(m.end() for m in re.finditer(r"\r\n|\r|\n", self.text))]
 
+    def _file(self, place: int) -> tuple[int, str]:
+        """Start and path of the file in which a place is."""
+        return self._files[bisect_right(self._files, place, key=lambda each: each[0]) - 1]
+
+    def path(self, place: int) -> str:
+        """Path of the file in which a place is."""
+        return self._file(place)[1]
+
     def line(self, place: int) -> int:
-        """Number of the line, from 1, at a place in the text."""
+        """Number of the line, from 1, at a place in the text, in its own file."""
+        return self._line(place) - self._line(self._file(place)[0]) + 1
+
+    def at_line(self, place: int) -> str:
+        """Words for the line of a place, with the file where it is another one."""
+        return f"line {self.line(place)}" + ("" if place <= self.own_end else f" of {Path(self.path(place)).name}")
+
+    def _line(self, place: int) -> int:
         return bisect_right(self.line_starts, place)
 
     def line_start(self, place: int) -> int:
         """Place at which the line of a place starts."""
-        return self.line_starts[self.line(place) - 1]
+        return self.line_starts[self._line(place) - 1]
 
     def line_end(self, place: int) -> int:
         """Place at which the line of a place ends."""
-        number = self.line(place)
+        number = self._line(place)
         return self.line_starts[number] if number < len(self.line_starts) else len(self.text)
+
+    @property
+    def own_groups(self) -> list[Group]:
+        """Brackets of the program's own file."""
+        return [group for group in self.groups if group.start < self.own_end]
 
     @cached_property
     def scanned(self) -> tuple[list[Group], list[Word]]:
@@ -167,8 +219,8 @@ class Source:
                     if inner is not None:
                         opened = f"line {self.line(inner.start)} opened {inner.bracket}"
                     raise CalibError(
-                        f"{self.path}: line {self.line(place)}: {token} closes no bracket ({opened}); a program that a "
-                        "controller accepts is needed"
+                        f"{self.path(place)}: line {self.line(place)}: {token} closes no bracket ({opened}); a program "
+                        "that a controller accepts is needed"
                     )
                 inner.end = place + 1
                 inner = inner.parent
@@ -176,8 +228,8 @@ class Source:
                 words.append(Word(place, token, inner))
         if inner is not None:
             raise CalibError(
-                f"{self.path}: line {self.line(inner.start)}: the bracket {inner.bracket} is never closed; a program "
-                "that a controller accepts is needed"
+                f"{self.path(inner.start)}: line {self.line(inner.start)}: the bracket {inner.bracket} is never "
+                "closed; a program that a controller accepts is needed"
             )
         return groups, words
 
@@ -207,19 +259,26 @@ class Source:
         last = group.commas[k] if k < len(group.commas) else group.end - 1
         return self.code[first + 1 : last].strip() == self.code[start:end].strip()
 
-    def numbers(self, spans: Sequence[tuple[int, int]]) -> tuple[Number, ...] | str:
-        """Plain numbers at spans of the text, or the reason why they are none."""
+    def numbers(
+        self, spans: Sequence[tuple[int, int]], units: Mapping[str, float] = MappingProxyType({})
+    ) -> tuple[Number, ...] | str:
+        """Plain numbers at spans of the text, or the reason why they are none.
+
+        Args:
+            spans: starts and ends.
+            units: functions that turn a plain number into another unit, with the value of 1.
+        """
         found: list[Number] = []
         for start, end in spans:
-            item = self.code[start:end]
-            text = item.strip()
-            if NUMBER.fullmatch(text) is None:
-                return f"{shown(text) or 'nothing'} is an expression, not a plain number"
-            value = float(text.replace(" ", "").replace("\t", ""))
+            match = _WRAPPED.fullmatch(self.code, start, end)
+            unit = 1.0 if match is None or not match[1] else units.get(match[1])
+            if match is None or unit is None or bool(match[1]) is not bool(match[3]):
+                return f"{shown(self.code[start:end]) or 'nothing'} is an expression, not a plain number"
+            text = match[2]
+            value = float(text.replace(" ", "").replace("\t", "")) * unit
             if not abs(value) <= LARGEST:
                 return f"{shown(text)} is beyond any joint value or coordinate"
-            first = start + len(item) - len(item.lstrip())
-            found.append(Number(first, first + len(text), value, _decimals(text)))
+            found.append(Number(*match.span(2), value, _decimals(text), unit))
         return tuple(found)
 
     def literal(self, start: int, end: int) -> str:
@@ -233,31 +292,54 @@ def shown(text: str) -> str:
     return words if len(words) <= _LONGEST_SHOWN else words[: _LONGEST_SHOWN - 3] + "..."
 
 
-def distinct_frames(frames: Iterable[NamedFrame]) -> list[NamedFrame]:
-    """Frames without repeats of the same one."""
-    return list({(frame.name, id(frame.transform)): frame for frame in frames}.values())
-
-
-def one_frame(frames: Sequence[NamedFrame]) -> NamedFrame | str:
+def one_frame(frames: Iterable[NamedFrame]) -> NamedFrame | str:
     """Frame that all uses of a target agree on, or the names where they do not."""
-    first = frames[0]
-    for other in frames[1:]:
-        same = other.name == first.name and (other.transform is None) == (first.transform is None)
-        if same and first.transform is not None and other.transform is not None:
-            same = bool(np.array_equal(first.transform, other.transform))
-        if not same:
-            return f"{first.name} and {other.name}"
-    return first
+    first, *others = dict.fromkeys(frames)
+    return f"{first.name} and {others[0].name}" if others else first
 
 
-def with_frames(target: ProgramTarget, tools: Sequence[NamedFrame], works: Sequence[NamedFrame]) -> ProgramTarget | str:
-    """Pose target with the tool and work frame of its uses, or the reason why there is no single one."""
-    tool, work = one_frame(tools), one_frame(works)
-    if isinstance(tool, str):
-        return f"it is used with several tools, {tool}; write a target for each"
-    if isinstance(work, str):
-        return f"it is used with several work frames, {work}; write a target for each"
-    return replace(target, tool=tool, work=work)
+@dataclass(frozen=True)
+class Held:
+    """A target as it was read, before its tool and work frame are known."""
+
+    target: ProgramTarget
+    variable: str = ""  # that holds it; "" for one in a motion
+
+
+def framed(
+    found: Sequence[Held], frames_of: Callable[[Held], tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str]
+) -> tuple[list[ProgramTarget], list[LeftLiteral]]:
+    """Targets with the tool and work frame of their uses, and those that have no single one.
+
+    Args:
+        found: targets as they were read.
+        frames_of: tools and work frames of a pose's uses, or the reason why it is left.
+    """
+    targets: list[ProgramTarget] = []
+    left: list[LeftLiteral] = []
+    for held in found:
+        target = held.target
+        if target.kind == "pose":
+            frames = frames_of(held)
+            tool, work = ("", frames) if isinstance(frames, str) else map(one_frame, frames)
+            if isinstance(tool, str) and tool:
+                work = f"it is used with several tools, {tool}; write a target for each"
+            elif isinstance(work, str) and not isinstance(frames, str):
+                work = f"it is used with several work frames, {work}; write a target for each"
+            if isinstance(tool, str) or isinstance(work, str):
+                left.append(LeftLiteral(target.line, target.name, str(work)))
+                continue
+            target = replace(target, tool=tool, work=work)
+        targets.append(target)
+    return targets, left
+
+
+def external_axes(lines: Sequence[int]) -> tuple[str, ...]:
+    """Note on targets, by their lines, whose external axes do not stand at 0; () where there are none."""
+    if not lines:
+        return ()
+    where = f"line {lines[0]}" + (f" and {len(lines) - 1} more" if len(lines) > 1 else "")
+    return (f"external axes move ({where}): the arm's base is taken to stand, which is wrong where they carry it",)
 
 
 def _decimals(text: str) -> int:

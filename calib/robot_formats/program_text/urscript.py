@@ -1,20 +1,25 @@
 """Targets in URScript: joint lists and poses that are assigned, or given to a motion directly.
 
 A variable that holds six numbers may also be a wrench or a speed. So an assigned list counts as a target where a motion
-of the same program uses the variable, or where nothing uses it, as in a list of points.
+of the same program uses the variable, or where the program does nothing, as a list of points. The pose that
+`pose_trans` puts behind a frame is a target in that frame, unless the frame is itself a target, with which it moves.
 """
 
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from math import pi
 
 import numpy as np
 
+from calib.robot_formats.program_text.flow import Mark, reaching
 from calib.robot_formats.program_text.pose_numbers import pose_transform
 from calib.robot_formats.program_text.source import (
     Group,
+    Held,
     LeftLiteral,
     NamedFrame,
     Number,
@@ -22,30 +27,28 @@ from calib.robot_formats.program_text.source import (
     ProgramTargets,
     Source,
     Word,
-    distinct_frames,
-    with_frames,
+    framed,
 )
 
 MASKED = re.compile(r"\"[^\"\r\n]*\"?|'[^'\r\n]*'?|#[^\r\n]*")
-_TARGETS_OF = {
-    "movej": 1,
-    "movel": 1,
-    "movep": 1,
-    "movec": 2,
-    "servoj": 1,
-    "servoc": 1,
-    "servol": 1,
-    "get_inverse_kin": 1,
-    "get_inverse_kin_has_solution": 1,
-    "get_forward_kin": 1,
-}
+_MOTIONS = {"movej": 1, "movel": 1, "movep": 1, "movec": 2, "servoj": 1, "servoc": 1, "servol": 1}
+_INVERSE = {"get_inverse_kin", "get_inverse_kin_has_solution"}
+_TARGETS_OF = _MOTIONS | dict.fromkeys(_INVERSE, 1) | {"get_forward_kin": 1}
 """Functions, and how many of their first arguments are targets."""
-_KEYWORDS = {"q", "pose", "pose_to", "pose_via"}
-_OFFSETS = {"pose_trans", "pose_add"}
-_TCP = "set_tcp"
-_UNKNOWN_TCP = "the controller's own TCP (no set_tcp before it)"
+_KEYWORDS = {"q", "x", "pose", "pose_to", "pose_via"}
+_NEAR, _TCP = "qnear", "set_tcp"
+_OFFSETS = {"pose_trans": 1, "pose_add": 1, "interpolate_pose": 2}
+"""Functions that start from poses, and from how many."""
+_READS = {"length", "size", "get_list_length", "pose_dist", "point_dist", "textmsg", "popup", "to_str", "str_cat"}
+_DEEPEST = 4  # functions and variables by way of which a target is followed
+_PLAIN = {"d2r", "pose_trans", _TCP}  # calls in a list of points
+_UNKNOWN_TCP = NamedFrame("the controller's own TCP (no set_tcp before it)", None)
 _ASSIGNED = re.compile(r"([A-Za-z_]\w*)\s*(?<![=<>!])=$")
+_NAME = re.compile(r"[A-Za-z_]\w*")
 _BASE = NamedFrame("base", np.eye(4))
+_UNITS = {"d2r": pi / 180.0}
+_BLOCKS = {"def": "routine", "thread": "routine", "sec": "routine", "if": "if", "while": "loop", "for": "loop"}
+_AHEAD = 40  # characters behind a variable that are looked at
 
 
 @dataclass(frozen=True)
@@ -56,153 +59,421 @@ class _Use:
     function: str  # "" outside of a call
     is_target: bool
     moves_along: bool = False  # the start of an offset, or one of its numbers
+    is_hint: bool = False  # joints near which a pose is taken, or it is read only
+    changes: bool = False  # one of its numbers is set anew
+    call: Group | None = None
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A function of the program: its parameters and its place."""
+
+    parameters: tuple[str, ...]
+    start: int  # of the parameters' bracket
+    end: int
+
+
+@dataclass(frozen=True)
+class _Role:
+    """What a literal is in a program."""
+
+    name: str = ""  # of the variable that holds it, or the motion
+    held: bool = False
+    reason: str = ""  # why it is no target
+    call: Group | None = None  # in which it stands directly
+    frame: tuple[int, int] | None = None  # first argument of pose_trans, of a target behind it
 
 
 def urscript_targets(source: Source) -> ProgramTargets:
     """Targets of a URScript program. Raises CalibError where brackets do not match."""
-    left: list[LeftLiteral] = []
-    found: list[tuple[ProgramTarget, bool]] = []  # and whether it is held by a variable
-    tcps: list[tuple[int, NamedFrame]] = []
-    named_poses: dict[str, list[Group]] = {}
-    for group in source.groups:
-        if group.bracket != "[" or any(child.bracket == "[" for child in group.children):
-            continue
-        before = source.code[max(0, group.start - 2) : group.start]
-        is_pose = before.endswith("p") and not (len(before) > 1 and (before[0].isalnum() or before[0] == "_"))
-        if not is_pose and (before[-1:].isalnum() or before[-1:] in ("_", "]", ")")):
-            continue  # an index
-        items = group.items
-        if len(items) != 6:
-            continue
-        start = group.start - is_pose
-        line, what = source.line(start), source.literal(start, group.end)
-        numbers = source.numbers(items)
-        name, role = _place_of(source, group, start)
-        if role == "":
-            if name and is_pose:
-                named_poses.setdefault(name, []).append(group)
-            if isinstance(numbers, str):
-                role = numbers
-        if role == _TCP:
-            if isinstance(numbers, str):
-                tcps.append((start, NamedFrame(f"the TCP of line {line}", None)))
-            else:
-                tcps.append((start, _tcp(f"the TCP of line {line}", numbers)))
-            role = "the tool's definition"
-        if role or isinstance(numbers, str):
-            left.append(LeftLiteral(line, what, role or str(numbers)))
-            continue
-        kind = "pose" if is_pose else "joints"
-        motion = "" if name else source.function_of(group.parent) if group.parent else ""
-        target = ProgramTarget(name or motion, line, kind, numbers, start)  # type: ignore[arg-type]
-        found.append((target, bool(name)))
-    uses = _uses(source, {target.name for target, named in found if named} | set(named_poses))
-    for name, groups in named_poses.items():
-        numbers = source.numbers(groups[0].items)
-        plain = len(groups) == 1 and not isinstance(numbers, str)
-        for use in uses.get(name, []):
-            if use.function == _TCP:
-                tcps.append((use.place, _tcp(name, numbers) if plain else NamedFrame(name, None)))  # type: ignore[arg-type]
-    tcps += [(place, NamedFrame(f"the TCP of line {source.line(place)}", None)) for place in _other_tcps(source, tcps)]
-    tcps.sort(key=lambda each: each[0])
-    reasons = {name: _unfit(own) for name, own in uses.items()}
-    tools = {
-        name: distinct_frames(_tcp_at(tcps, use.place) for use in own if use.is_target) for name, own in uses.items()
-    }
-    targets: list[ProgramTarget] = []
-    for target, named in found:
-        if named and reasons.get(target.name):
-            left.append(LeftLiteral(target.line, target.name, reasons[target.name]))
-            continue
-        if target.kind == "pose":
-            used = tools.get(target.name) if named else None
-            with_tool = with_frames(target, used or [_tcp_at(tcps, target.place)], [_BASE])
-            if isinstance(with_tool, str):
-                left.append(LeftLiteral(target.line, target.name, with_tool))
+    return _Program(source).targets()
+
+
+class _Program:
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._assigned = _assignments(source)
+        self._by_start = {group.start: group for group in source.groups}
+        self._acts = any(self._is_call(word) and word.text not in _PLAIN for word in source.words)
+        self._structure = list(self._marks_of_blocks())
+        self._functions = self._read_functions()
+        self._parameters = {name for function in self._functions.values() for name in function.parameters}
+        self._words: dict[str, list[Word]] = {}
+        for word in source.words:
+            self._words.setdefault(word.text, []).append(word)
+        self._frames: dict[str, dict[int, frozenset[NamedFrame]] | str] = {}
+
+    def targets(self) -> ProgramTargets:
+        """Targets with their frames, and what else looks like one."""
+        source = self._source
+        left: list[LeftLiteral] = []
+        found: list[tuple[Held, _Role]] = []
+        for group in source.own_groups:
+            start = self._start(group)
+            if start is None:
                 continue
-            target = with_tool
-        targets.append(target)
-    return ProgramTargets(tuple(targets), tuple(sorted(left, key=lambda each: each.line)))
+            line, what = source.line(start), source.literal(start, group.end)
+            role = self._role(group, start)
+            numbers = source.numbers(group.items, _UNITS)
+            reason = role.reason or (numbers if isinstance(numbers, str) else "")
+            if reason or isinstance(numbers, str):
+                left.append(LeftLiteral(line, what, reason))
+                continue
+            kind = "pose" if start < group.start else "joints"
+            target = ProgramTarget(role.name, line, kind, numbers, start)  # type: ignore[arg-type]
+            found.append((Held(target, role.name.partition("[")[0] if role.held else ""), role))
+        uses = {name: self._uses(name) for name in {held.variable for held, _ in found if held.variable}}
+        kept: list[tuple[Held, _Role]] = []
+        for held, role in found:
+            reason = self._unfit(held.variable, uses.get(held.variable, [])) if held.variable else ""
+            if reason:
+                left.append(LeftLiteral(held.target.line, held.target.name, reason))
+                continue
+            calls = [role.call, *(use.call for use in uses.get(held.variable, []) if use.is_target)]
+            near = next(filter(None, map(self._near, calls)), ()) or self._beside(held.variable)
+            near = near if held.target.kind == "pose" else ()
+            kept.append((replace(held, target=replace(held.target, near=near)), role))
+        roles = {held.target.place: role for held, role in kept}
+        places = {
+            held.target.place: [use.place for use in uses.get(held.variable, []) if use.is_target]
+            or [held.target.place]
+            for held, _ in kept
+        }
+        tcps = self._tcps({place for each in places.values() for place in each})
 
+        def frames_of(held: Held) -> tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str:
+            role = roles[held.target.place]
+            works = [_BASE] if role.frame is None else self._frame(*role.frame)
+            tools = [tcp for place in places[held.target.place] for tcp in tcps[place]]
+            return works if isinstance(works, str) else (tools, works)
 
-def _place_of(source: Source, group: Group, start: int) -> tuple[str, str]:
-    """Name of the variable that holds a literal ("" for an argument), and why it is no target ("" where it is)."""
-    before, parent = source.before(start), group.parent
-    assigned = _ASSIGNED.search(before)
-    if parent is None:
+        targets, without = framed([held for held, _ in kept], frames_of)
+        return ProgramTargets(tuple(targets), tuple(sorted([*left, *without], key=lambda each: each.line)))
+
+    def _start(self, group: Group) -> int | None:
+        """Place at which a list or pose of six begins; None for anything else."""
+        if group.bracket != "[" or any(child.bracket == "[" for child in group.children) or len(group.items) != 6:
+            return None
+        before = self._source.code[max(0, group.start - 2) : group.start]
+        if before.endswith("p") and not (len(before) > 1 and (before[0].isalnum() or before[0] == "_")):
+            return group.start - 1
+        is_index = before[-1:].isalnum() or before[-1:] in ("_", "]", ")")
+        return None if is_index else group.start
+
+    def _role(self, group: Group, start: int) -> _Role:
+        source, parent = self._source, group.parent
+        before = source.before(start)
+        assigned = _ASSIGNED.search(before)
+        if parent is None:
+            return self._assigned_role(assigned, group)
+        if parent.bracket == "[":
+            outer = _ASSIGNED.search(source.before(parent.start))
+            if (
+                parent.parent is None
+                and outer is not None
+                and all(source.is_item(*span, parent) for span in self._spans(parent))
+            ):
+                k = parent.index_of(start) if group.end < parent.end else 0
+                role = self._assigned_role(outer, parent)
+                return replace(role, name=role.name and f"{role.name}[{k}]")
+            return _Role(reason="an element of a list within a list; give it a variable of its own")
+        if parent.bracket != "(":
+            return _Role(reason="part of an expression")
+        function = source.function_of(parent)
+        whole = source.is_item(start, group.end, parent)
+        if function == _TCP and whole:
+            return _Role(reason="the tool's definition")
+        if assigned is not None and function:
+            if assigned[1] == _NEAR:
+                return _Role(reason=f"joints near which {function} looks")
+            fits = assigned[1] in _KEYWORDS and function in _TARGETS_OF
+            return _Role(function, reason="" if fits else f"the argument {assigned[1]} of {function}", call=parent)
+        if not whole:
+            return _Role(reason="part of an expression")
+        index = parent.index_of(start)
+        if index < _TARGETS_OF.get(function, 0):
+            return _Role(function, call=parent)
+        if function in _INVERSE and index == 1:
+            return _Role(reason=f"joints near which {function} looks")
+        if function == "pose_trans" and index == 1 and len(parent.items) == 2 and start < group.start:
+            return self._behind_frame(parent)
+        return _Role(reason=f"an argument of {function}" if function else "part of an expression")
+
+    def _spans(self, group: Group) -> list[tuple[int, int]]:
+        return [(self._start(child) or child.start, child.end) for child in group.children if child.bracket == "["]
+
+    def _assigned_role(self, assigned: re.Match[str] | None, group: Group) -> _Role:
+        """Role of the value of a whole assignment."""
         if assigned is None:
-            return "", "part of an expression"
+            return _Role(reason="part of an expression")
+        rest = self._source.code[group.end : self._source.line_end(group.end)].strip()
+        return _Role(assigned[1], held=True, reason="" if rest in ("", ";") else "part of an expression")
+
+    def _behind_frame(self, call: Group) -> _Role:
+        """Role of the second argument of a `pose_trans`."""
+        source = self._source
+        start = source.code.rindex("pose_trans", 0, call.start)
+        first = call.items[0]
+        along = _Role(reason="an argument of pose_trans")
+        text = source.code[slice(*first)].strip()
+        if not _NAME.fullmatch(text) and not re.fullmatch(r"p\s*\[[^\[\]]*\]", text):
+            return along
+        outer = call.parent
+        if outer is None:
+            return replace(self._assigned_role(_ASSIGNED.search(source.before(start)), call), frame=first)
+        function = source.function_of(outer) if outer.bracket == "(" else ""
+        keyword = _ASSIGNED.search(source.before(start))
+        fits = keyword is None or keyword[1] in _KEYWORDS
+        if not fits or outer.index_of(start) >= _TARGETS_OF.get(function, 0):
+            return along
+        if keyword is None and not source.is_item(start, call.end, outer):
+            return along
+        return _Role(function, call=outer, frame=first)
+
+    def _frame(self, start: int, end: int) -> Iterable[NamedFrame] | str:
+        """Frames that the first argument of a `pose_trans` may be, or why the pose behind it is left."""
+        source = self._source
+        text = source.code[start:end].strip()
+        if not _NAME.fullmatch(text):
+            frame = self._literal(
+                self._by_start[source.code.index("[", start)], f"the frame of {source.at_line(start)}"
+            )
+            return [frame] if frame.transform is not None else "it stands behind a frame that the program computes"
+        frames = self._variable_frames(text)
+        if isinstance(frames, str):
+            return frames
+        at = frames.get(start, frozenset())
+        if self._assigned.get(text) and any(frame.transform is None for frame in at):
+            return f"it stands behind {text}, which is not set on every way there"
+        return sorted(at, key=lambda each: each.name)
+
+    def _variable_frames(self, name: str) -> dict[int, frozenset[NamedFrame]] | str:
+        """Frames that a variable may hold at its uses by `pose_trans`, or why these are not known."""
+        if name not in self._frames:
+            self._frames[name] = self._read_variable_frames(name)
+        return self._frames[name]
+
+    def _read_variable_frames(self, name: str) -> dict[int, frozenset[NamedFrame]] | str:
+        source = self._source
+        uses = self._uses(name)
+        if any(use.is_target for use in uses):
+            return f"an offset from {name}, which moves along with it"
+        places = self._assigned.get(name, [])
+        values = [self._value(place) for place in places]
+        if name in self._parameters or None in values:
+            return f"it stands behind {name}, which the program computes"
+        if any(use.changes for use in uses):
+            return f"it stands behind {name}, of which the program changes a number"
+        marks: list[Mark[NamedFrame]] = [
+            Mark(call.items[0][0], "use") for use in uses if (call := use.call) is not None
+        ]
+        for place, group in zip(places, values, strict=True):
+            shown = f"{name} of {source.at_line(place)}" if len(places) > 1 else name
+            marks.append(Mark(place, "set", value=None if group is None else self._literal(group, shown)))
+        return reaching([*self._structure, *marks], NamedFrame(name, None), top_first=True)
+
+    def _value(self, place: int) -> Group | None:
+        """Pose literal that is the whole value of an assignment."""
+        source = self._source
+        match = re.compile(r"\w+\s*=\s*p\s*(?=\[)").match(source.code, place)
+        group = self._by_start.get(match.end()) if match else None
+        if group is None or len(group.items) != 6:
+            return None
         rest = source.code[group.end : source.line_end(group.end)].strip()
-        return assigned[1], "" if rest in ("", ";") else "part of an expression"
-    if parent.bracket != "(":
-        return "", "an element of a list; give it a variable of its own"
-    function = source.function_of(parent)
-    index = parent.index_of(start)
-    if function == _TCP and source.is_item(start, group.end, parent):
-        return "", _TCP
-    if assigned is not None and function:
-        fits = assigned[1] in _KEYWORDS and function in _TARGETS_OF
-        return "", "" if fits else f"the argument {assigned[1]} of {function}"
-    if not source.is_item(start, group.end, parent):
-        return "", "part of an expression"
-    if index < _TARGETS_OF.get(function, 0):
-        return "", ""
-    return "", f"an argument of {function}" if function else "part of an expression"
+        return group if rest in ("", ";") and not isinstance(source.numbers(group.items, _UNITS), str) else None
+
+    def _literal(self, group: Group, name: str) -> NamedFrame:
+        numbers = self._source.numbers(group.items, _UNITS)
+        return NamedFrame(name, None) if isinstance(numbers, str) or len(numbers) != 6 else _framed(name, numbers)
+
+    def _is_call(self, word: Word) -> bool:
+        end = word.place + len(word.text)
+        return self._source.code[end : end + _AHEAD].lstrip()[:1] == "("
+
+    def _marks_of_blocks(self) -> Iterable[Mark[NamedFrame]]:
+        defined: set[int] = set()
+        words = self._source.words
+        for word, following in zip_longest(words, words[1:]):
+            kind = _BLOCKS.get(word.text)
+            if kind == "routine" and following is not None:
+                defined.add(following.place)
+                yield Mark(word.place, "routine", following.text)
+            elif kind is not None and kind != "routine":
+                yield Mark(word.place, kind)  # type: ignore[arg-type]
+            elif word.text in ("elif", "else"):
+                yield Mark(word.place, "else", "elif" if word.text == "elif" else "")
+            elif word.text == "end":
+                yield Mark(word.place, "end")
+            elif word.place not in defined and self._is_call(word):
+                yield Mark(word.place, "call", word.text)
+
+    def _tcps(self, places: Iterable[int]) -> dict[int, frozenset[NamedFrame]]:
+        """Tools that may be set at places."""
+        source = self._source
+        marks: list[Mark[NamedFrame]] = [Mark(place, "use") for place in places]
+        for word in source.words:
+            call = self._by_start.get(source.code.find("(", word.place)) if word.text == _TCP else None
+            if call is None:
+                continue
+            name = f"the TCP of {source.at_line(word.place)}"
+            start, end = call.items[0]
+            text = source.code[start:end].strip()
+            group = next((child for child in call.children if child.start < end), None)
+            frame = NamedFrame(name, None)
+            if group is not None and re.fullmatch(r"p?\s*\[[^\[\]]*\]", text):
+                frame = self._literal(group, name)
+            elif _NAME.fullmatch(text):
+                assigned = self._assigned.get(text, [])
+                value = self._value(assigned[0]) if len(assigned) == 1 and text not in self._parameters else None
+                frame = NamedFrame(text, None) if value is None else self._literal(value, text)
+            marks.append(Mark(word.place, "set", value=frame))
+        return reaching([*self._structure, *marks], _UNKNOWN_TCP, top_first=True)
+
+    def _near(self, call: Group | None) -> tuple[float, ...]:
+        """Joints near which a call of `get_inverse_kin` looks; () where none are told in plain numbers."""
+        source = self._source
+        if call is None or source.function_of(call) not in _INVERSE:
+            return ()
+        for k, (start, end) in enumerate(call.items):
+            text = source.code[start:end].strip()
+            keyword, equals, value = text.partition("=")
+            if not (k == 1 and not equals) and keyword.strip() != _NEAR:
+                continue
+            name = (value if equals else text).strip()
+            group = next((child for child in call.children if start <= child.start < end), None)
+            return self._joints_of(name) if group is None else self._plain(group)
+        return ()
+
+    def _beside(self, name: str) -> tuple[float, ...]:
+        """Joints that PolyScope notes beside a pose: NAME_q of NAME_p; () where there are none."""
+        return self._joints_of(name.removesuffix("_p") + "_q") if name.endswith("_p") else ()
+
+    def _joints_of(self, name: str) -> tuple[float, ...]:
+        """Plain joint values that a variable holds once and for all; () for others."""
+        assigned = self._assigned.get(name, [])
+        match = re.compile(r"\w+\s*=\s*(?=\[)").match(self._source.code, assigned[0]) if len(assigned) == 1 else None
+        return self._plain(self._by_start[match.end()]) if match and match.end() in self._by_start else ()
+
+    def _plain(self, group: Group) -> tuple[float, ...]:
+        numbers = self._source.numbers(group.items, _UNITS) if group.bracket == "[" else ""
+        return () if isinstance(numbers, str) or len(numbers) != 6 else tuple(number.value for number in numbers)
+
+    def _read_functions(self) -> dict[str, _Function]:
+        """Functions of the program with their parameters and bodies."""
+        found: dict[str, _Function] = {}
+        open_: list[tuple[str, int]] = []
+        for mark in self._structure:
+            if mark.kind in ("routine", "if", "loop"):
+                open_.append((mark.name if mark.kind == "routine" else "", mark.place))
+            elif mark.kind == "end" and open_:
+                name, start = open_.pop()
+                call = self._by_start.get(self._source.code.find("(", start)) if name else None
+                if call is not None:
+                    parts = [self._source.code[a:b].partition("=")[0].strip() for a, b in call.items]
+                    found[name] = _Function(tuple(parts), call.start, mark.place)
+        return found
+
+    def _owner(self, name: str, place: int) -> _Function | None:
+        """Innermost function around a place that has a parameter of a name."""
+        around = [f for f in self._functions.values() if name in f.parameters and f.start <= place < f.end]
+        return max(around, key=lambda each: each.start, default=None)
+
+    def _uses(self, name: str, owner: _Function | None = None, depth: int = 0) -> list[_Use]:
+        """Uses of a variable, or of the parameter of a function, their own assignments left out.
+
+        Where it is handed to a function of the program, or to another variable, the uses of these count.
+        """
+        own = self._assigned.get(name, [])
+        shadowed = name in self._parameters
+        found: list[_Use] = []
+        for word in self._words.get(name, []):
+            if word.place in own or (shadowed and self._owner(name, word.place) is not owner):
+                continue
+            if owner is not None and word.group is not None and word.group.start == owner.start:
+                continue  # the parameter itself
+            found += self._followed(word, depth)
+        return found
+
+    def _followed(self, word: Word, depth: int) -> list[_Use]:
+        source, use = self._source, self._use(word)
+        to: str | None = None
+        owner: _Function | None = None
+        function = self._functions.get(use.function)
+        if use.call is not None and function is not None and not use.is_target:
+            keyword = _ASSIGNED.search(source.before(word.place))
+            k = use.call.index_of(word.place)
+            to = keyword[1] if keyword else function.parameters[k] if k < len(function.parameters) else None
+            owner = function if to in function.parameters else None
+            to = to if owner is not None else None
+        elif word.group is None and not use.changes:
+            line = source.code[source.line_start(word.place) : source.line_end(word.place)]
+            alias = re.fullmatch(
+                rf"\s*(?:global\s+|local\s+)?([A-Za-z_]\w*)\s*=\s*{word.text}\s*(?:\[[^\]]*\])?\s*", line
+            )
+            to = alias[1] if alias and alias[1] != word.text else None
+            owner = self._owner(to, word.place) if to else None
+        if to is None or depth >= _DEEPEST:
+            return [use]
+        return self._uses(to, owner, depth + 1) or [replace(use, is_hint=True)]
+
+    def _use(self, word: Word) -> _Use:
+        source, group = self._source, word.group
+        end = word.place + len(word.text)
+        index = self._by_start.get(end) if source.code[end : end + 1] == "[" else None
+        if index is not None:
+            behind = source.code[index.end : source.line_end(index.end)]
+            if group is None and re.match(r"\s*=(?!=)", behind):
+                again = re.search(rf"\b{word.text}\b", behind)
+                return _Use(word.place, "", False, moves_along=again is not None, changes=again is None)
+            end = index.end
+        if group is None or group.bracket != "(":
+            return _Use(word.place, "", False, moves_along=index is not None)
+        function = source.function_of(group)
+        whole = source.is_item(word.place, end, group)
+        keyword = _ASSIGNED.search(source.before(word.place))
+        position = group.index_of(word.place)
+        if function in _READS or (
+            function in _INVERSE and (keyword[1] == _NEAR if keyword else whole and position == 1)
+        ):
+            return _Use(word.place, function, False, is_hint=True)
+        first = position < _TARGETS_OF.get(function, 0)
+        named = keyword is not None and keyword[1] in _KEYWORDS and function in _TARGETS_OF
+        is_target = (whole and first) or named
+        if index is not None and not is_target:
+            return _Use(word.place, function, False, moves_along=True)
+        moves_along = whole and position < _OFFSETS.get(function, 0)
+        return _Use(word.place, function, is_target, moves_along, call=group)
+
+    def _unfit(self, name: str, uses: list[_Use]) -> str:
+        """Reason why a variable with these uses holds no target; "" where it does."""
+        changed = next((use for use in uses if use.changes), None)
+        if changed is not None:
+            return f"{self._source.at_line(changed.place)} sets one of its numbers anew"
+        is_moved_to = any(use.is_target for use in uses)
+        if not is_moved_to and not uses:
+            return "no motion of the program uses it" if self._acts else ""
+        others = [
+            use for use in uses if not use.is_target and not use.is_hint and not (use.moves_along and is_moved_to)
+        ]
+        if is_moved_to and not others:
+            return ""
+        first = next(iter(others), uses[0])
+        if not is_moved_to and all(use.function == "pose_trans" for use in uses):
+            return "a frame of pose_trans"
+        by = f"by {first.function}" if first.function else "in an expression"
+        return f"the variable is also used {by}" if is_moved_to else f"the variable is used {by}, in no motion"
 
 
-def _uses(source: Source, names: set[str]) -> dict[str, list[_Use]]:
-    """Uses of variables, their own assignments left out."""
-    found: dict[str, list[_Use]] = {}
+def _assignments(source: Source) -> dict[str, list[int]]:
+    """Places at which variables are assigned as a whole."""
+    found: dict[str, list[int]] = {}
     for word in source.words:
-        if word.text in names:
-            end = word.place + len(word.text)
-            after = source.code[end : end + _AHEAD].lstrip()
-            is_assignment = word.group is None and after[:1] == "=" and after[:2] != "=="
-            if not is_assignment:
-                found.setdefault(word.text, []).append(_use(source, word))
+        end = word.place + len(word.text)
+        after = source.code[end : end + _AHEAD].lstrip()
+        if word.group is None and after[:1] == "=" and after[:2] != "==":
+            found.setdefault(word.text, []).append(word.place)
     return found
 
 
-_AHEAD = 40  # characters behind a variable that are looked at
-
-
-def _use(source: Source, word: Word) -> _Use:
-    group = word.group
-    if source.code[word.place + len(word.text) : word.place + len(word.text) + 1] == "[":
-        return _Use(word.place, "", False, moves_along=True)  # one of its numbers
-    if group is None or group.bracket != "(":
-        return _Use(word.place, "", False)
-    function = source.function_of(group)
-    whole = source.is_item(word.place, word.place + len(word.text), group)
-    keyword = _ASSIGNED.search(source.before(word.place))
-    first = group.index_of(word.place) < _TARGETS_OF.get(function, 0)
-    is_target = (whole and first) or (keyword is not None and keyword[1] in _KEYWORDS and function in _TARGETS_OF)
-    moves_along = whole and function in _OFFSETS and group.index_of(word.place) == 0
-    return _Use(word.place, function, is_target, moves_along)
-
-
-def _unfit(uses: list[_Use]) -> str:
-    """Reason why a variable with these uses holds no target; "" where it does."""
-    is_moved_to = any(use.is_target for use in uses)
-    others = [use for use in uses if not use.is_target and not (use.moves_along and is_moved_to)]
-    if not others:
-        return ""
-    by = f"by {others[0].function}" if others[0].function else "in an expression"
-    return f"the variable is also used {by}" if len(others) < len(uses) else f"the variable is used {by}, in no motion"
-
-
-def _tcp(name: str, numbers: tuple[Number, ...]) -> NamedFrame:
+def _framed(name: str, numbers: tuple[Number, ...]) -> NamedFrame:
     return NamedFrame(name, pose_transform("URScript", np.array([number.value for number in numbers])))
-
-
-def _tcp_at(tcps: list[tuple[int, NamedFrame]], place: int) -> NamedFrame:
-    """Tool that the last set_tcp in front of a place sets."""
-    k = bisect_left(tcps, place, key=lambda each: each[0])
-    return tcps[k - 1][1] if k else NamedFrame(_UNKNOWN_TCP, None)
-
-
-def _other_tcps(source: Source, known: list[tuple[int, NamedFrame]]) -> list[int]:
-    """Places of calls of set_tcp whose argument is neither a literal nor a variable that holds one."""
-    lines = {source.line(place) for place, _ in known}
-    calls = [word.place for word in source.words if word.text == _TCP]
-    return [place for place in calls if source.line(place) not in lines]

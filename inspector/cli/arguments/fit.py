@@ -174,13 +174,26 @@ def correct_arguments(sub: ArgumentParser) -> None:
         "--program",
         type=Path,
         metavar="FILE",
-        help="a robot program to correct: .script (URScript), .src or .dat (KRL), .mod or .prg (RAPID)",
+        help="a robot program to correct: .script (URScript), .src or .dat (KRL), .mod, .sys or .prg (RAPID)",
+    )
+    sub.add_argument(
+        "--with",
+        dest="others",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="of --program: another file of the controller, which defines tools and bases or moves to the targets "
+        "($config.dat, a module); give it several times for several",
     )
     for frame, words in (("tool", "on the flange"), ("work", "in the robot's base")):
         sub.add_argument(
             f"--{frame}-frame",
-            metavar="NUMBERS",
-            help=f"{frame} frame {words}, where the program does not define it: x,y,z,rx,ry,rz (URScript, m and rad), "
+            action="append",
+            default=[],
+            metavar="[NAME=]NUMBERS",
+            help=f"{frame} frame {words}, where the program does not define it (several by their names): "
+            "x,y,z,rx,ry,rz (URScript, m and rad), "
             "X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
         )
     sub.add_argument(

@@ -238,6 +238,14 @@ def links_arguments(sub: ArgumentParser) -> None:
     sub.add_argument("--tip", metavar="LINK", help="the last link (default: the only one that is a tip)")
     sub.add_argument("--base", metavar="LINK", help="the first link (default: the root)")
     sub.add_argument(
+        "--srdf",
+        metavar="FILE[#GROUP]",
+        help="MoveIt's SRDF, whose group tells base and tip (default: the one beside a URDF, by its name)",
+    )
+    sub.add_argument(
+        "--joint-limits", type=Path, metavar="FILE", help="MoveIt's joint_limits.yaml, for limits of a URDF's joints"
+    )
+    sub.add_argument(
         "--convention",
         choices=("standard", "modified"),
         help="of a table of theta, d, a, alpha (modified: Craig's)",

@@ -11,4 +11,13 @@ def reading_of(options: RobotFileOptions, *, named: bool = True) -> ReadOptions:
     """Options for `read_robot`; a xacro is expanded only where the user `named` the file."""
     xacro = Xacro(dict(options.xacro_arg), dict(options.package)) if named else None
     packages = dict(options.package) if named else None
-    return ReadOptions(options.tip, options.base, options.convention, options.model, xacro, packages)
+    return ReadOptions(
+        options.tip,
+        options.base,
+        options.convention,
+        options.model,
+        xacro,
+        packages,
+        options.srdf,
+        options.joint_limits,
+    )
