@@ -19,6 +19,7 @@ from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.reading import (
     ImportReport,
     joint_values,
+    named_by_cells,
     named_places,
     of_one_place,
     placement_columns,
@@ -28,6 +29,7 @@ from calib.dataset_import.reading import (
     pose_ids,
     recognised,
     require_near_spread,
+    require_poses,
     rows_of_points,
 )
 from calib.dataset_import.recorded_stops import is_recording, recorded_poses
@@ -228,6 +230,10 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
         if by_name is not None:
             other = by_name
             of_points = recognised(report, other, sources.mapping, positions=True, joints=False)
+        elif "pose" in meant.columns:
+            of_points = named_by_cells(report, table.text(meant.columns["pose"].name), other, of_points)
+        else:
+            of_points = named_by_cells(report, [], other, of_points)
         columns[other.path] = (other, of_points)
     elif not same:
         return _plan(report, sources, columns, None)
@@ -289,6 +295,8 @@ def _with_numbers(
     scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
     signs = np.array([meant.columns[name].sign for name in names])
     q = (signs * q_file + np.array([meant.columns[name].offset for name in names])) * scale
+    if not sources.tables:
+        require_poses(report, table, meant, q)
     sheet, off, unit = None, 1.0, "mm"
     if seen is not None and near is not None:
         unit, how, off = points_unit(report, other or table, of_points, near, q)

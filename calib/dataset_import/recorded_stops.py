@@ -269,7 +269,12 @@ def _points_of(
     if static:
         notes.append(f"{file}: points that stand still are left out: {visible(', '.join(static[:_NAMED]))}")
     sources = list(dict.fromkeys(each.source for each in chosen))
-    if len(sources) > 1:
+    body = next((s for s in sources if all(re.match(rf"{re.escape(_stem(s))}\b", each) for each in sources)), None)
+    if len(sources) > 1 and body is not None:  # a rigid body of motion capture before its own markers
+        others = visible(", ".join(source for source in sources if source != body))
+        notes.append(f"{file}: the point is {visible(body)}; its markers are left out: {others}")
+        chosen = [each for each in chosen if each.source == body]
+    elif len(sources) > 1:
         raise RecordingError(
             f"{file}: several sources of points, {visible(', '.join(sources[:_NAMED]))}; say which by --points "
             f"'{file}#{sources[0]}'"
@@ -287,6 +292,11 @@ def _points_of(
         )
         return [best]
     return chosen
+
+
+def _stem(source: str) -> str:
+    """Name of a body of motion capture, without what is measured of it."""
+    return source.removesuffix(" Position")
 
 
 def _shown(file: Path, seen: PointSeries) -> str:

@@ -14,7 +14,7 @@ from calib.errors import CalibError
 from calib.recordings.bags import bag_topics, is_bag, kinds_of_topics
 from calib.recordings.series import BAGS, JSON_LINES, PARQUET
 from calib.robot_formats.origin_yaml import read_origin_yaml
-from calib.text_files.records import RECORDS, sheets
+from calib.text_files.records import RECORDS, SPREADSHEETS, sheets
 from calib.text_files.text_file import decoded
 from calib.text_files.user_table import UserTable, load_table, parse_table, plain, split_unit
 
@@ -188,6 +188,17 @@ def _sheets(path: Path) -> list[UserFile]:
         return [_judged_table(each, load_table(each, lambda _: None)) for each in named or [path]]
     except CalibError as error:
         return [UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))]
+
+
+def is_workbook(path: Path) -> bool:
+    """Whether a path is a spreadsheet, none of its sheets named."""
+    return path.suffix.lower() in SPREADSHEETS and path.is_file()
+
+
+def of_workbook(path: Path) -> UserFiles:
+    """Sheets of a workbook as tables, where several are; no files where one or none is."""
+    found = [file for file in _sheets(path) if file.kind != UNUSED]
+    return UserFiles(path.parent, tuple(found) if len(found) > 1 else ())
 
 
 def _judged_text(path: Path) -> UserFile:
