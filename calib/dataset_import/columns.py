@@ -265,6 +265,9 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
     for series in _SERIES:
         if set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
             return [by_name[name] for name in series], []
+    bare = {int(name): name for name in names if name.isascii() and name.isdigit() and len(name) < 3}
+    if robot is not None and sorted(bare) == list(range(1, robot.n_joints + 1)):
+        return [bare[k] for k in sorted(bare)], []
     sets: dict[str, dict[int, str]] = {}
     for name in names:
         match = _JOINT.fullmatch(split_unit(name)[0].strip())

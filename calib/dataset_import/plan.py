@@ -18,6 +18,7 @@ from calib.dataset_import.columns import Column, Meaning, Recognised, length_col
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.reading import (
     ImportReport,
+    has_flange_poses,
     joint_values,
     named_by_cells,
     named_places,
@@ -45,6 +46,7 @@ from calib.text_files.user_table import Fault, RowFault, UserTable, load_table, 
 
 _NO_ROBOT = "no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one"
 _EXAMPLES = 3
+_COMPUTED_MM = 5e-3  # rms to the robot's table, below which no measured point is
 _MOST_SHOWN = 60  # columns of a table
 
 
@@ -317,6 +319,15 @@ def _with_numbers(
         require_near_spread(report, other or table, of_points, *length_unit(report.robot, q, near))
     if other is not None and of_points.rest:
         report.notes.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
+    if sheet is not None and other is None and has_flange_poses(table.columns):
+        known = np.isfinite(sheet.points_mm).all(axis=1) & np.isfinite(q).all(axis=1)
+        off_mm = table_disagreement_mm(report.robot, q[known], sheet.points_mm[known])
+        if off_mm is not None and off_mm < _COMPUTED_MM:
+            report.doubts.append(
+                f"{table.path}: its points agree with the robot's table to {off_mm:.1g} mm, and turns stand beside "
+                "them: they are the pose that the controller computes from the joints and measure nothing; give "
+                "measured ones by --points FILE"
+            )
     measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
     if length_column(of_points) is not None:
         measured = np.isin(np.arange(len(ids)), row_of)

@@ -22,6 +22,7 @@ _MOST_FAULTS = 20
 _MOST_PLACES = 8  # that a fault lists
 _MOST = 1e9  # degrees, micrometres
 _TURNS = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"), ("qx", "qy", "qz"), ("w", "p", "r"))
+_MOST_DEG = 400.0  # of a joint
 _RECORDED = 300  # rows, from which a table may be a recording
 _SMALL_STEP = 0.05  # of the whole motion, between two rows of a recording
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
@@ -71,6 +72,8 @@ def recognised(
             for first in ([], ["pose"]):
                 if len(table.columns) == len(first + wanted + extra):
                     meanings = first + wanted + extra
+                    if joints and extra and _has_points_first(table, len(first)):
+                        meanings = first + extra + wanted
                     by_place = dict(zip(table.columns, meanings, strict=True))
                     report.notes.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
         of_numbers = [n for n in table.columns if all(as_number(cell) is not None for cell in table.text(n) if cell)]
@@ -83,7 +86,7 @@ def recognised(
     have = ", ".join(table.columns[:30])
     if joints and robot is not None and not found.faults:
         missing = [f"q{k + 1}" for k in range(robot.n_joints) if f"q{k + 1}" not in found.columns]
-        if len(missing) == robot.n_joints and _has_flange_poses(table.columns):
+        if len(missing) == robot.n_joints and has_flange_poses(table.columns):
             report.fault(
                 f"{table.path}: line 1: its columns are Cartesian poses ({have}), and the joints' values are needed: "
                 "poses do not tell by which of several ways the arm reached them, nor what its table made of the "
@@ -110,7 +113,13 @@ def recognised(
     return found
 
 
-def _has_flange_poses(columns: Sequence[str]) -> bool:
+def _has_points_first(table: UserTable, start: int) -> bool:
+    """Whether the three columns from a place on are lengths, as they are too large for angles, and those behind not."""
+    columns = [np.abs([as_number(cell) or 0.0 for cell in table.text(name)]).max() for name in table.columns[start:]]
+    return bool(max(columns[:3]) > _MOST_DEG >= max(columns[3:]))
+
+
+def has_flange_poses(columns: Sequence[str]) -> bool:
     """Whether columns are places and turns, as of a flange or tool."""
     names = {plain(split_unit(name)[0]) for name in columns}
     return {"x", "y", "z"} <= names and any(set(turns) <= names for turns in _TURNS)

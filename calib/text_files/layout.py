@@ -82,12 +82,12 @@ def separator_of(text: str) -> str:
     def usual(separator: str) -> float:
         return median(line.count(separator) for line in body)
 
+    words = [line.split() for line in body]
+    if median(map(len, words)) > 1 and all(_COMMA_NUMBER.fullmatch(word) for line in words for word in line[1:]):
+        return " "  # with decimal commas
     best = max(_SEPARATORS, key=first.count)
     if len(below) == len(lines) and 1 <= first.count(best) <= usual(best):
         return best
-    words = [line.split() for line in body]
-    if median(map(len, words)) > 1 and all(_COMMA_NUMBER.fullmatch(word) for line in words for word in line[1:]):
-        return " "
     return next((each for each in ("\t", ";", ",") if usual(each) >= 1), " ")
 
 

@@ -167,7 +167,7 @@ def _names(name: str, key: str, values: Sequence[Any]) -> list[str]:
     """Columns of a list: its name with numbers, unless it is the joints' or a point's."""
     if len(values) == 3 and any(key.startswith(word) for word in _POINT):
         return ["x", "y", "z"]
-    start = "q" if key in _JOINTS else f"{name}_"
+    start = "q" if key in _JOINTS or key.endswith(("state", "qpos")) else f"{name}_"
     return [f"{start}{k + 1}" for k in range(len(values))]
 
 
