@@ -55,6 +55,7 @@ _SECONDS, _NANOSECONDS = ("sec", "secs"), ("nanosec", "nsec", "nsecs")
 _NOT_PLACES = {"orientation", "quat", "quaternion", "rotation", "rpy", "euler", "velocity", "vel", "speed", "twist",
                "angular", "linear", "force", "wrench", "torque", "acceleration", "acc", "accelerometer", "gyro", "imu",
                "normal", "gravity", "scale", "covariance", "error"}  # fmt: skip
+_TURNS = {"rx", "ry", "rz", "roll", "pitch", "yaw", "rotation", "tilt", "a", "b", "c"}
 _LABELS = ("target", "marker", "markerid", "tagid", "childframeid", "pointname")
 _STATE = "observation.state"
 _RADIANS = re.compile(r"(?:^|_)actual_q_\d$|[/.]position$|[/.]position(?:[.\[]\d+\]?)$|^field\.position\d+$")
@@ -565,14 +566,21 @@ def _points(log: _Log, time_s: Array, mapping: Mapping[str, Meaning], joints: se
 def describe(path: Path) -> tuple[bool, bool]:
     """Whether a log has joints and points by the names of its columns, without a robot. Raises DatasetError."""
     if is_always_log(path):
-        log = _parquet(path)[0] if path.suffix.lower() not in JSON_LINES else _json_lines(path)
-    else:
-        log = _log_of(head_of(path))
+        return _described(_parquet(path)[0] if path.suffix.lower() not in JSON_LINES else _json_lines(path))
+    return describe_table(head_of(path))
+
+
+def describe_table(table: UserTable) -> tuple[bool, bool]:
+    """Whether a table has joints and points by the names of its columns, without a robot. Raises DatasetError."""
+    return _described(_log_of(table))
+
+
+def _described(log: _Log) -> tuple[bool, bool]:
     positions = [name for name in log.columns if is_position(name)]
     meant = recognise(log.columns, None, {})
-    named = [n for n in positions if n.startswith(_STATE) or n.endswith(("/position", "joint"))]
-    named += [n for n in positions if split_unit(n)[1] in ("deg", "rad")]
+    named = [n for n in positions if n.startswith(_STATE) or n.lower().endswith(("/position", "joint"))]
+    named += [n for n in positions if split_unit(n)[1] in ("deg", "rad") and not words_of(n) & _TURNS]
     return ("q1" in meant.columns or bool(meant.faults) or len(named) > 1, bool(_triples(log, {}, set())))
 
 
-__all__ = ["DatasetError", "describe", "has_time", "is_log", "read_table_log"]
+__all__ = ["DatasetError", "describe", "describe_table", "has_time", "is_log", "read_table_log"]
