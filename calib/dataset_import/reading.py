@@ -289,7 +289,15 @@ def rows_of_points(
         known = {name: i for i, name in enumerate(ids)}
         known |= {comparable_id(name): i for name, i in known.items()}
         column, out = meant.columns["pose"].name, []
-        for i, name in enumerate(other.text(column)):
+        named = other.text(column)
+        if not any(name in known or comparable_id(name) in known for name in named):
+            report.fault(
+                f"{other.path}: column {column}: none of its names ({named[0][:40]!r} ...) is a pose of {table.path} "
+                f"({ids[0][:40]!r} ...); name the poses alike in both, or leave the column out by --map "
+                f"'{column}=ignore' where the rows are in the same order"
+            )
+            return [-1] * len(other)
+        for i, name in enumerate(named):
             row = known.get(name, known.get(comparable_id(name)))
             if row is None:
                 line = other.lines[i]
@@ -323,11 +331,11 @@ def require_poses(report: ImportReport, table: UserTable, meant: Recognised, q: 
 
 
 def comparable_id(name: str) -> str:
-    """A pose's name for comparison with another table's, where 7, 7.0 and 007 are equal."""
+    """A pose's name for comparison with another table's, where 7, 7.0 and 007 are equal, and P1 and p1."""
     try:
         value = float(name)
     except ValueError:
-        return name
+        return name.lower()
     return f"#{int(value)}" if abs(value) < 1e15 and value == int(value) else name
 
 

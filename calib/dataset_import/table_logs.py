@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -404,7 +405,7 @@ def _in_seconds(log: _Log, name: str, unit: str) -> Array:
     """Times (N,), s, of a column of numbers or dates, its unit by their size where none is given."""
     values = log.numbers(name)
     if not np.isfinite(values).any():
-        dates = pd.to_datetime(log.frame[name], errors="coerce", utc=True, format="mixed")
+        dates = _dates(log.frame[name])
         if dates.isna().all():
             raise RecordingError(
                 f"{log.path}: column {name}: found {str(log.frame[name].iloc[0])[:40]!r}; a time is needed"
@@ -417,6 +418,18 @@ def _in_seconds(log: _Log, name: str, unit: str) -> Array:
     if largest < _EPOCHS[0][0] and _counts_milliseconds(values):
         return values * 1e-3
     return values * next((scale for low, high, scale in _EPOCHS if low < largest < high), 1.0)
+
+
+def _dates(cells: Any) -> Any:
+    """Dates of texts: of one form, which is quick, else each by itself; 05.03.2024 has its day first."""
+    day_first = bool(re.match(r"\s*\d{1,2}\.\d{1,2}\.\d{4}", str(cells.iloc[0])))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return pd.to_datetime(cells, utc=True, dayfirst=day_first)
+        except (ValueError, UserWarning):
+            pass
+    return pd.to_datetime(cells, errors="coerce", utc=True, format="mixed", dayfirst=day_first)
 
 
 def _goes_on(values: Array) -> bool:
