@@ -11,10 +11,34 @@ from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.text_files.user_table import MOST_CHARACTERS, plain, split_unit
 
+LENGTHS = ("mm", "m", "cm", "in", "um")
+
 _JOINT = re.compile(
-    r"^(?P<set>.*?)(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse)(?P<number>\d+)$"
+    r"(?P<set>.*?(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse|rax|mp|actuator|关节|轴))"
+    r"[^\w]*_?(?P<number>\d+)(?P<end>\D*)",
+    re.IGNORECASE,
 )
-_POINT = re.compile(r"^(?:measured|meas|point|position|pos|p|t|coord|laser|tracker|scanner|jig)?(?P<axis>[xyz])$")
+_ENDS = {"", "actual", "act", "ist", "measured", "meas", "position", "pos", "positions", "angle", "value", "feedback",
+         "fb", "state", "轴", "角度"}  # fmt: skip
+_SERIES = (  # joints that some makers name and do not number
+    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
+    ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
+    ("s", "l", "u", "r", "b", "t"),
+)
+NOT_POSITIONS = {"target", "desired", "command", "commanded", "cmd", "reference", "ref", "setpoint", "goal", "nominal",
+                 "error", "velocity", "velocities", "vel", "speed", "qd", "qdd", "dq", "ddq", "qdot", "acceleration",
+                 "acc", "current", "effort", "eff", "torque", "tau", "tq", "moment", "temperature", "temperatures",
+                 "temp", "voltage", "mode", "control", "action", "jerk", "tcp", "force", "d", "ip", "mt", "et", "aspos",
+                 "macur", "drehmoment", "geschwindigkeit", "consigne", "vitesse"}  # fmt: skip
+_SET_VALUES = ("soll", "strom")  # beginnings of German words for them
+_ACTUAL = {"actual", "measured", "meas", "ist", "istposition"}
+_MEASURED = ("measured", "measurement", "measure", "meas", "gemessen", "mess", "laser", "lt", "tracker", "scanner",
+             "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesure")  # fmt: skip
+_ACTUAL_POINT = ("actual", "act", "ist")  # of a controller its own, but beside nominal ones
+_NOMINAL = ("nominal", "nom", "soll", "theoretical", "theo", "名义", "理论")
+_DEVIATIONS = ("deviation", "dev", "abweichung", "delta", "error", "余量")
+_WORDS = "|".join((*_MEASURED, *_ACTUAL_POINT, "point", "punkt", "position", "pos", "coordinate", "coord", "p", "t"))
+_POINT = re.compile(rf"^(?P<before>(?:{_WORDS})*)(?P<axis>[xyz])(?P<after>1?(?:{_WORDS})*)$")
 _OTHERS = {
     "pose": (
         "pose",
@@ -45,7 +69,7 @@ _OTHERS = {
     "scan": ("scan", "scanfile"),
 }
 _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}
-_VALUE = re.compile(r"[/.](?:position|pos|value|actual)(?:\[\d+\])?$")  # of a joint, behind its name in a log of ROS
+_VALUE = re.compile(r"[/._ ](?:position|pos|value|actual|angle|meas|measured)(?:\[\d+\])?$")  # behind a joint's name
 _EXACT = re.compile(
     r"^(length_(mm|m)|anchor|q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach[1-9]\d{0,2})$",
     re.ASCII,
@@ -172,14 +196,14 @@ def recognise(
         for k, name in enumerate(joints):
             if name in unmapped and f"q{k + 1}" not in found:
                 take(name, Meaning(f"q{k + 1}", split_unit(name)[1]))
+    points = _point_columns([name for name in unmapped if name not in taken])
     for name in (name for name in unmapped if name not in taken):
         base, unit = split_unit(name)
-        point = _POINT.match(plain(base))
         if _EXACT.match(name):
             take(name, Meaning(name))
-        elif point and unit in ("", "mm", "m", "cm", "in", "um"):
-            if point["axis"] not in found:
-                take(name, Meaning(point["axis"], unit))
+        elif name in points:
+            if points[name] not in found:
+                take(name, Meaning(points[name], unit))
         else:
             for meaning, spellings in _OTHERS.items():
                 usual = _CONDITION_UNITS.get(meaning, "")
@@ -198,10 +222,37 @@ def _matching(names: Sequence[str], pattern: str) -> list[str]:
     return [name for _, name in sorted(numbered)]
 
 
+def words_of(name: str) -> set[str]:
+    """Words of a column's name, in lower case."""
+    return {word for word in re.split(r"[\W_]+|(?<=[^\W\d_])(?=\d)", name.lower()) if word}
+
+
+def is_position(name: str) -> bool:
+    """Whether a column may hold where a joint is: neither its speed nor what it was commanded."""
+    words = words_of(name)
+    return not words & NOT_POSITIONS and not any(word.startswith(_SET_VALUES) for word in words)
+
+
+def is_beside_point(name: str) -> bool:
+    """Whether a column beside the measured point is a further or nominal point, or how far the point is from it."""
+    words, base = words_of(name), plain(split_unit(name)[0])
+    of_axis = bool(words & {"x", "y", "z"}) and bool(words & {*_NOMINAL, *_DEVIATIONS})
+    return of_axis or re.fullmatch(r"[xyz]\d{1,3}", base) is not None
+
+
 def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
-    """Names of the joints' columns in order, by the robot's joint names or else by number, and faults."""
-    wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
+    """Names of the joints' columns in order, by the robot's joint names or else by number, and faults.
+
+    What was commanded is taken only where there is nothing else.
+    """
     names = [name for name in names if not is_signal(name)]
+    positions = [name for name in names if is_position(name)]
+    found, faults = _joints_among(positions, robot)
+    return (found, faults) if found or faults else _joints_among(names, robot)
+
+
+def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
+    wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
     by_name = {plain(_VALUE.sub("", split_unit(name)[0])): name for name in names}
     ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
     if (
@@ -211,23 +262,50 @@ def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[
         and min(map(len, wanted)) > 2
     ):
         return [found[0] for found in ends], []
+    for series in _SERIES:
+        if set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
+            return [by_name[name] for name in series], []
+    bare = {int(name): name for name in names if name.isascii() and name.isdigit() and len(name) < 3}
+    if robot is not None and sorted(bare) == list(range(1, robot.n_joints + 1)):
+        return [bare[k] for k in sorted(bare)], []
     sets: dict[str, dict[int, str]] = {}
     for name in names:
-        match = _JOINT.match(plain(split_unit(name)[0]))
-        if match:
-            sets.setdefault(match["set"], {})[int(match["number"])] = name
+        match = _JOINT.fullmatch(split_unit(name)[0].strip())
+        if match and plain(match["end"]) in _ENDS:
+            key = f"{plain(match['set'])} {plain(match['end'])}"
+            sets.setdefault(key, {})[int(match["number"])] = name
     complete = {
         key: [numbered[k] for k in sorted(numbered)]
         for key, numbered in sets.items()
         for n in (len(numbered) if robot is None else robot.n_joints,)
         if n > 1 or robot is not None
         if sorted(numbered) in (list(range(1, n + 1)), list(range(n)))
+        if robot is not None or key.strip() != "q" or sorted(numbered) != [0, 1, 2, 3]  # a quaternion
     }
-    if len(complete) == 1:
-        return next(iter(complete.values())), []
+    actual = [columns for columns in complete.values() if words_of(columns[0]) & _ACTUAL]
+    if len(complete) == 1 or len(actual) == 1:
+        return (actual or list(complete.values()))[0], []
     if complete:
         named = " and ".join(f"{columns[0]} ..." for columns in complete.values())
         return [], [
             f"found {len(complete)} sets of joint columns, {named}; say which by --map, such as 'actual_q_*=q*'"
         ]
     return [], []
+
+
+def _point_columns(names: Sequence[str]) -> dict[str, str]:
+    """Axis of each column of the measured point: a whole point before single ones, one said to be measured first."""
+    has_nominal = any(words_of(name) & set(_NOMINAL) for name in names)
+    found: dict[tuple[int, str], dict[str, str]] = {}
+    for name in names:
+        base, unit = split_unit(name)
+        match = _POINT.match(plain(base)) if unit in ("", *LENGTHS) else None
+        words = "" if match is None else match["before"] + match["after"]
+        if match is None or (not has_nominal and any(word in words for word in _ACTUAL_POINT)):
+            continue
+        rank = 0 if any(word in words for word in (*_MEASURED, *_ACTUAL_POINT)) else 1
+        found.setdefault((rank, f"{match['before']} {match['after']}"), {}).setdefault(match["axis"], name)
+    order = sorted(found, key=lambda key: (-len(found[key]), key[0]))
+    return {name: axis for key in order[:1] for axis, name in found[key].items()} | (
+        {} if not order or len(found[order[0]]) == 3 else {n: a for key in order[1:] for a, n in found[key].items()}
+    )

@@ -17,7 +17,7 @@ from calib.dataset_import.camera_views import CameraChoice, camera_points, ids_o
 from calib.dataset_import.cartesian_poses import flange_table, joints_table, named_flange_table, table_of_poses
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
-from calib.dataset_import.user_files import UserFiles, look_through
+from calib.dataset_import.user_files import BOTH, POINTS, UserFiles, is_workbook, look_through, of_workbook
 from calib.dataset_import.writing import written
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot, Vector
@@ -48,6 +48,11 @@ def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
     points = choice.points
     if points is None and (choice.joints is None or choice.joints == files.joints):
         points = files.points
+    if choice.joints is not None and is_workbook(choice.joints):
+        book = of_workbook(choice.joints)
+        joints, points = book.joints or joints, points or book.points
+    if choice.points is not None and is_workbook(choice.points):
+        points = next(iter(of_workbook(choice.points).of(POINTS, BOTH)), points)
     robots, faults = _robots(files, choice)
     sources = ImportSources(
         robots, joints, points, files.scans, choice.mapping, faults,

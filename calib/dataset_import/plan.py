@@ -18,7 +18,9 @@ from calib.dataset_import.columns import Column, Meaning, Recognised, length_col
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.reading import (
     ImportReport,
+    has_flange_poses,
     joint_values,
+    named_by_cells,
     named_places,
     of_one_place,
     placement_columns,
@@ -28,6 +30,7 @@ from calib.dataset_import.reading import (
     pose_ids,
     recognised,
     require_near_spread,
+    require_poses,
     rows_of_points,
 )
 from calib.dataset_import.recorded_stops import is_recording, recorded_poses
@@ -43,6 +46,7 @@ from calib.text_files.user_table import Fault, RowFault, UserTable, load_table, 
 
 _NO_ROBOT = "no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one"
 _EXAMPLES = 3
+_COMPUTED_MM = 5e-3  # rms to the robot's table, below which no measured point is
 _MOST_SHOWN = 60  # columns of a table
 
 
@@ -229,6 +233,10 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
         if by_name is not None:
             other = by_name
             of_points = recognised(report, other, sources.mapping, positions=True, joints=False)
+        elif "pose" in meant.columns:
+            of_points = named_by_cells(report, table.text(meant.columns["pose"].name), other, of_points)
+        else:
+            of_points = named_by_cells(report, [], other, of_points)
         columns[other.path] = (other, of_points)
     elif not same:
         return _plan(report, sources, columns, None)
@@ -290,6 +298,8 @@ def _with_numbers(
     scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
     signs = np.array([meant.columns[name].sign for name in names])
     q = (signs * q_file + np.array([meant.columns[name].offset for name in names])) * scale
+    if not sources.tables:
+        require_poses(report, table, meant, q)
     sheet, off, unit = None, 1.0, "mm"
     if seen is not None and near is not None:
         unit, how, off = points_unit(report, other or table, of_points, near, q)
@@ -310,6 +320,15 @@ def _with_numbers(
         require_near_spread(report, other or table, of_points, *length_unit(report.robot, q, near))
     if other is not None and of_points.rest:
         report.notes.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
+    if sheet is not None and other is None and has_flange_poses(table.columns):
+        known = np.isfinite(sheet.points_mm).all(axis=1) & np.isfinite(q).all(axis=1)
+        off_mm = table_disagreement_mm(report.robot, q[known], sheet.points_mm[known])
+        if off_mm is not None and off_mm < _COMPUTED_MM:
+            report.doubts.append(
+                f"{table.path}: its points agree with the robot's table to {off_mm:.1g} mm, and turns stand beside "
+                "them: they are the pose that the controller computes from the joints and measure nothing; give "
+                "measured ones by --points FILE"
+            )
     measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
     if length_column(of_points) is not None:
         measured = np.isin(np.arange(len(ids)), row_of)

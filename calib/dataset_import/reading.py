@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.input_names import quantity_of
-from calib.dataset_import.columns import Meaning, Recognised, length_column, recognise
+from calib.dataset_import.columns import AS_MAPPED, Column, Meaning, Recognised, length_column, recognise
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
@@ -22,6 +22,9 @@ _MOST_FAULTS = 20
 _MOST_PLACES = 8  # that a fault lists
 _MOST = 1e9  # degrees, micrometres
 _TURNS = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"), ("qx", "qy", "qz"), ("w", "p", "r"))
+_MOST_DEG = 400.0  # of a joint
+_RECORDED = 300  # rows, from which a table may be a recording
+_SMALL_STEP = 0.05  # of the whole motion, between two rows of a recording
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
 
 
@@ -69,20 +72,33 @@ def recognised(
             for first in ([], ["pose"]):
                 if len(table.columns) == len(first + wanted + extra):
                     meanings = first + wanted + extra
+                    if joints and extra and _has_points_first(table, len(first)):
+                        meanings = first + extra + wanted
                     by_place = dict(zip(table.columns, meanings, strict=True))
                     report.notes.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
+        of_numbers = [n for n in table.columns if all(as_number(cell) is not None for cell in table.text(n) if cell)]
+        if by_place is None and not joints and len(of_numbers) == 3 < len(table.columns):
+            by_place = dict(zip(of_numbers, "xyz", strict=True))
+            report.notes.append(f"{table.path}: has no header; its columns of numbers are taken for x, y, z")
     found = recognise(table.columns, robot, mapping, by_place)
     for words in found.faults:
         report.fault(f"{table.path}: line 1: {words}")
     have = ", ".join(table.columns[:30])
     if joints and robot is not None and not found.faults:
         missing = [f"q{k + 1}" for k in range(robot.n_joints) if f"q{k + 1}" not in found.columns]
-        if len(missing) == robot.n_joints and _has_flange_poses(table.columns):
+        if len(missing) == robot.n_joints and has_flange_poses(table.columns):
             report.fault(
                 f"{table.path}: line 1: its columns are Cartesian poses ({have}), and the joints' values are needed: "
                 "poses do not tell by which of several ways the arm reached them, nor what its table made of the "
                 "joints; controllers and ROS (/joint_states) log these beside them. Where a camera saw a board at "
                 "them, --images or --marker-poses finds the camera's place without"
+            )
+        elif missing and not table.has_header:
+            n = robot.n_joints
+            report.fault(
+                f"{table.path}: line 1: no names stand above its {len(table.columns)} columns; {n} are taken for the "
+                f"joints, {n + 3} for joints and x, y, z, each with the pose's name in front or not; write a line of "
+                "names above them, such as pose,q1,q2"
             )
         elif missing:
             report.fault(
@@ -98,7 +114,13 @@ def recognised(
     return found
 
 
-def _has_flange_poses(columns: Sequence[str]) -> bool:
+def _has_points_first(table: UserTable, start: int) -> bool:
+    """Whether the three columns from a place on are lengths, as they are too large for angles, and those behind not."""
+    columns = [np.abs([as_number(cell) or 0.0 for cell in table.text(name)]).max() for name in table.columns[start:]]
+    return bool(max(columns[:3]) > _MOST_DEG >= max(columns[3:]))
+
+
+def has_flange_poses(columns: Sequence[str]) -> bool:
     """Whether columns are places and turns, as of a flange or tool."""
     names = {plain(split_unit(name)[0]) for name in columns}
     return {"x", "y", "z"} <= names and any(set(turns) <= names for turns in _TURNS)
@@ -127,7 +149,8 @@ def joint_values(report: ImportReport, table: UserTable, meant: Recognised) -> A
 def point_values(report: ImportReport, table: UserTable, meant: Recognised, *, needed: bool) -> Array | None:
     """Points (M, 3) in the file's unit; None where there are none."""
     if not all(axis in meant.columns for axis in "xyz"):
-        if needed and length_column(meant) is None and not any(axis in meant.columns for axis in "xyz"):
+        is_told = any(str(fault).startswith(f"{table.path}: line 1: no ") for fault in report.faults)
+        if needed and not is_told and length_column(meant) is None and not any(a in meant.columns for a in "xyz"):
             report.fault(
                 f"{table.path}: line 1: no columns x, y, z; give --points FILE.csv, --scans FOLDER or --map column=x"
             )
@@ -212,6 +235,33 @@ def named_places(report: ImportReport, table: UserTable, meant: Recognised, plac
     return None
 
 
+def named_by_cells(report: ImportReport, ids: list[str], table: UserTable, meant: Recognised) -> Recognised:
+    """Recognised columns of a table of points, the pose's by its cells where no name tells it.
+
+    A target that is the same in all rows and none of the robot's is the kind of the reflector, as trackers write it.
+    """
+    columns, rest = dict(meant.columns), list(meant.rest)
+    target = columns.get("target")
+    if "pose" not in columns:
+        known = {*ids, *map(comparable_id, ids)}
+        for name in [*rest, *([] if target is None else [target.name])]:
+            cells = table.text(name)
+            if len(set(cells)) > 1 and {*cells, *map(comparable_id, cells)} <= known:
+                columns["pose"] = Column(name, "pose", why="its cells name the poses of the joints")
+                break
+    if target is not None and report.robot is not None:
+        of_robot = {each.name for each in report.robot.targets} | {"jig"}
+        kinds = set(table.text(target.name))
+        if "pose" in columns and columns["pose"].name == target.name:
+            del columns["target"]
+        elif len(kinds) == 1 and not kinds <= of_robot:
+            report.notes.append(f"{table.path}: column {target.name} is {kinds.pop()!r} in all rows and left out")
+            del columns["target"]
+            rest.append(target.name)
+    used = {column.name for column in columns.values()}
+    return Recognised(columns, tuple(name for name in rest if name not in used), meant.faults)
+
+
 def placement_columns(table: UserTable, meant: Recognised, other: UserTable | None) -> list[str]:
     """Unrecognised columns of words, each several times: they may name where the instrument or a plate stood.
 
@@ -240,7 +290,15 @@ def rows_of_points(
         known = {name: i for i, name in enumerate(ids)}
         known |= {comparable_id(name): i for name, i in known.items()}
         column, out = meant.columns["pose"].name, []
-        for i, name in enumerate(other.text(column)):
+        named = other.text(column)
+        if not any(name in known or comparable_id(name) in known for name in named):
+            report.fault(
+                f"{other.path}: column {column}: none of its names ({named[0][:40]!r} ...) is a pose of {table.path} "
+                f"({ids[0][:40]!r} ...); name the poses alike in both, or leave the column out by --map "
+                f"'{column}=ignore' where the rows are in the same order"
+            )
+            return [-1] * len(other)
+        for i, name in enumerate(named):
             row = known.get(name, known.get(comparable_id(name)))
             if row is None:
                 line = other.lines[i]
@@ -257,12 +315,28 @@ def rows_of_points(
     return list(range(len(table)))
 
 
+def require_poses(report: ImportReport, table: UserTable, meant: Recognised, q: Array) -> None:
+    """Report a fault where the rows are no poses but a recording whose time is not recognised."""
+    pose = meant.columns.get("pose")
+    is_named = pose is not None and (pose.why == AS_MAPPED or any(as_number(c) is None for c in table.text(pose.name)))
+    if len(q) < _RECORDED or is_named or "time_s" in meant.columns:
+        return
+    extent = np.linalg.norm(np.ptp(q, axis=0))
+    steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    if extent > 0.0 and np.nanquantile(steps, 0.9) < _SMALL_STEP * extent:
+        report.fault(
+            f"{table.path}: its {len(q)} rows are a recording, as the arm moves by little from one to the next, and "
+            "no column is recognised as their time; tell it by --map COLUMN=time_s; where the rows are poses, name "
+            "them by a column pose"
+        )
+
+
 def comparable_id(name: str) -> str:
-    """A pose's name for comparison with another table's, where 7, 7.0 and 007 are equal."""
+    """A pose's name for comparison with another table's, where 7, 7.0 and 007 are equal, and P1 and p1."""
     try:
         value = float(name)
     except ValueError:
-        return name
+        return name.lower()
     return f"#{int(value)}" if abs(value) < 1e15 and value == int(value) else name
 
 

@@ -28,7 +28,7 @@ from calib.recordings.clocks import (
     settled_offset,
 )
 from calib.recordings.means import Means, means_of
-from calib.recordings.series import JointSeries, PointSeries, Recording, RecordingError, recording_file
+from calib.recordings.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows, recording_file
 from calib.recordings.standstill import LEAST_S, Phase, Standstill, approach_of, standstill_of, trimmed
 from calib.text_files.records import table_file
 from calib.text_files.user_table import UserTable, plain, split_unit
@@ -39,6 +39,9 @@ _DENSE = 5.0  # points a phase, from which their motion is recorded, too
 _PATH_STEP_S = 0.01  # between the joints at which the tool's path is computed
 _MOVED = 1e-3  # rad, that a joint moves at least to come from a side
 _STATIC = 0.02  # of the widest point's spread, below which a point is not on the arm
+_JUMP = 0.02  # of the whole motion, from one row to the next
+_OFTEN = 0.2  # of the rows
+_MOVES = 0.02  # of the points' spread, by which they scatter in the stops where they are of other times
 _WILD = 6.0  # times the usual scatter, from which a phase was disturbed
 _AGREES = 0.1  # of the points' spread
 _NAMED = 8  # topics or times that a sentence names
@@ -93,6 +96,11 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     told = _told(mapping, columns)
     other, wanted = (file, "") if points is None else recording_file(points)
     is_table = not (is_bag(other) or is_always_log(other) or _has_time(other))
+    if is_bag(file) and _jumps(series.values):
+        raise RecordingError(
+            f"{file}: {series.source}: the joints jump back and forth from row to row, as where two publishers "
+            "write to one topic; record the topic of one of them"
+        )
     try:
         rest = standstill_of(str(file), series.time_s, series.values)
     except RecordingError as error:
@@ -109,7 +117,7 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     is_same = other.resolve() == file.resolve()
     of_points = read if is_same else _read(other, robot, mapping)
     notes += [] if is_same else of_points.notes
-    seen = _points_of(other, of_points, wanted, robot, notes, doubts)
+    seen = [_kept(other, each, notes) for each in _points_of(other, of_points, wanted, robot, notes, doubts)]
     q = _q(robot, series, columns)
     clock = _clock(robot, (series, q, rest), (seen[0], other), is_same, notes, doubts)
     means = [_point_means(each, series.time_s, rest, clock) for each in seen]
@@ -133,10 +141,19 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     return RecordedPoses(table, point_table, tuple(notes), tuple(doubts), told, read.unit_is_unknown)
 
 
+def _jumps(values: Array) -> bool:
+    """Whether rows (N, n) alternate between two places."""
+    steps = np.diff(values, axis=0)
+    far = np.linalg.norm(steps, axis=1) > max(_JUMP * float(np.linalg.norm(np.ptp(values, axis=0))), _MOVED)
+    back = np.einsum("ij,ij->i", steps[1:], steps[:-1]) < 0.0
+    return bool(len(back) and np.mean(back & far[1:] & far[:-1]) > _OFTEN)
+
+
 def _told(mapping: Mapping[str, Meaning], columns: Sequence[Column]) -> dict[str, Meaning]:
     """Mapping with the joints' columns under the names that they have in the table."""
     of_joints = {column.name for column in columns}
-    out = {key: meant for key, meant in mapping.items() if key not in of_joints and not meant.name.startswith("q")}
+    used = ("q", "time_s")  # of the log
+    out = {key: m for key, m in mapping.items() if key not in of_joints and not m.name.startswith(used)}
     for k, column in enumerate(columns):
         if column.why == AS_MAPPED:
             out[_name(column)] = Meaning(f"q{k + 1}", column.unit, column.sign, column.offset)
@@ -269,7 +286,12 @@ def _points_of(
     if static:
         notes.append(f"{file}: points that stand still are left out: {visible(', '.join(static[:_NAMED]))}")
     sources = list(dict.fromkeys(each.source for each in chosen))
-    if len(sources) > 1:
+    body = next((s for s in sources if all(re.match(rf"{re.escape(_stem(s))}\b", each) for each in sources)), None)
+    if len(sources) > 1 and body is not None:  # a rigid body of motion capture before its own markers
+        others = visible(", ".join(source for source in sources if source != body))
+        notes.append(f"{file}: the point is {visible(body)}; its markers are left out: {others}")
+        chosen = [each for each in chosen if each.source == body]
+    elif len(sources) > 1:
         raise RecordingError(
             f"{file}: several sources of points, {visible(', '.join(sources[:_NAMED]))}; say which by --points "
             f"'{file}#{sources[0]}'"
@@ -289,13 +311,27 @@ def _points_of(
     return chosen
 
 
+def _kept(file: Path, seen: PointSeries, notes: list[str]) -> PointSeries:
+    """Points without what was written while the target was lost."""
+    lost = lost_rows(seen.xyz)
+    if not lost.any() or lost.all():
+        return seen
+    notes.append(f"{_shown(file, seen)}: {lost.sum()} of {len(seen)} points are zeros or held values and left out")
+    return replace(seen, time_s=seen.time_s[~lost], xyz=seen.xyz[~lost])
+
+
+def _stem(source: str) -> str:
+    """Name of a body of motion capture, without what is measured of it."""
+    return source.removesuffix(" Position")
+
+
 def _shown(file: Path, seen: PointSeries) -> str:
     """File of a point, with its topic or columns where it has a name."""
     return f"{file}: {visible(seen.name)}" if seen.name else str(file)
 
 
 def _list(read: Recording) -> str:
-    return visible(", ".join([*(each.name for each in read.points), *read.others][: 2 * _NAMED]))
+    return visible(", ".join([*(each.name or "x, y, z" for each in read.points), *read.others][: 2 * _NAMED]))
 
 
 def _spread(xyz: Array) -> float:
@@ -351,7 +387,15 @@ def _clock(
     step = max(1, round(_PATH_STEP_S / float(np.median(np.diff(series.time_s)))))
     path_s, path_mm = series.time_s[::step], target_points(robot, q[::step])
     possible = possible_offsets(path_s, path_mm, seen.time_s, seen.xyz, _ONE_CLOCK_S if is_same else None)
+    if not possible and is_same:  # of two machines' clocks
+        possible = possible_offsets(path_s, path_mm, seen.time_s, seen.xyz)
     if not possible and is_same:
+        still = _point_means(seen, series.time_s, rest, ClockOffset(0.0, 0.0, 1.0))
+        if np.linalg.norm(still.scatter) > _MOVES * _spread(seen.xyz):
+            raise RecordingError(
+                f"{names[1]}: its points move while the arm stands, and at no offset of the clocks do both move at the "
+                "same times; give points of the same run"
+            )
         doubts.append(
             f"{names[1]}: its motion does not show the offset of its clock; its times are taken as the joints'"
         )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.consistency.own_pose import own_pose_columns
-from calib.dataset_import.columns import Meaning, recognise
+from calib.dataset_import.columns import Meaning, is_position, recognise, words_of
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
@@ -30,6 +31,8 @@ from calib.recordings.series import (
     RecordingError,
     in_order,
 )
+from calib.text_files.csv_text import as_number
+from calib.text_files.layout import PLAIN_NUMBERS
 from calib.text_files.records import flat_record, is_records
 from calib.text_files.text_file import decoded
 from calib.text_files.user_table import UserTable, load_table, parse_table, plain, split_unit
@@ -41,21 +44,19 @@ _SLOWEST_S = 0.5  # between two rows of a log; a pose a row takes longer, as the
 _FEWEST_ROWS = 40
 _TIMES = ("time", "timestamp", "t", "stamp", "times", "zeit", "zeitstempel", "rosbagtimestamp", "headerstamp",
           "robottime", "elapsedtime", "logtime", "clock", "fieldheaderstamp", "uptime", "temps", "tiempo",
-          "tempo")  # fmt: skip
+          "tempo", "duration", "ipoc", "时间", "时间戳")  # fmt: skip
 _TIME_UNIT = re.compile(
     r"^(?P<name>.*?)(?:[\s_.]*[\[(]\s*|[\s_.]+)(?P<unit>ns|us|µs|ms|s|sec|seconds|nanosec|min)\s*[\])]?$"
 )
 _SCALES = {"ns": 1e-9, "nanosec": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "seconds": 1.0,
            "min": 60.0}  # fmt: skip
 _EPOCHS = ((1e8, 1e10, 1.0), (1e11, 1e13, 1e-3), (1e14, 1e16, 1e-6), (1e17, 1e19, 1e-9))  # since 1970, by its size
+_COUNTED = 2000  # whole units of a clock that steps evenly, from which they are milliseconds
 _SECONDS, _NANOSECONDS = ("sec", "secs"), ("nanosec", "nsec", "nsecs")
-_NOT_POSITIONS = {"target", "desired", "command", "commanded", "cmd", "reference", "setpoint", "goal", "error",
-                  "velocity", "vel", "speed", "qd", "qdd", "acceleration", "acc", "current", "effort", "torque",
-                  "moment", "temperature", "temperatures", "temp", "voltage", "mode", "control", "action", "jerk",
-                  "tcp", "force"}  # fmt: skip
 _NOT_PLACES = {"orientation", "quat", "quaternion", "rotation", "rpy", "euler", "velocity", "vel", "speed", "twist",
                "angular", "linear", "force", "wrench", "torque", "acceleration", "acc", "accelerometer", "gyro", "imu",
                "normal", "gravity", "scale", "covariance", "error"}  # fmt: skip
+_TURNS = {"rx", "ry", "rz", "roll", "pitch", "yaw", "rotation", "tilt", "a", "b", "c"}
 _LABELS = ("target", "marker", "markerid", "tagid", "childframeid", "pointname")
 _STATE = "observation.state"
 _RADIANS = re.compile(r"(?:^|_)actual_q_\d$|[/.]position$|[/.]position(?:[.\[]\d+\]?)$|^field\.position\d+$")
@@ -68,6 +69,7 @@ class _Log:
     path: Path
     columns: tuple[str, ...]
     frame: Any  # pandas.DataFrame of what has been read
+    rate_hz: float = 0.0  # of the rows, where the file tells it
 
     def numbers(self, name: str) -> Array:
         """Numbers (N,) of a column; NaN where a cell holds none."""
@@ -92,10 +94,10 @@ def is_log(path: Path, head: UserTable, mapping: Mapping[str, Meaning]) -> bool:
 
     One whose time is mapped to `ignore` is a table of poses.
     """
-    if not head.has_header or len(head) < _FEWEST_ROWS:
+    if len(head) < _FEWEST_ROWS:
         return False
     try:
-        time = _time(_Log(path, head.columns, _frame_of(head)))
+        time = _time(_log_of(head), mapping)
     except RecordingError:
         return False
     if time is None or any(name in mapping and mapping[name].name == "ignore" for name in time[1]):
@@ -105,8 +107,7 @@ def is_log(path: Path, head: UserTable, mapping: Mapping[str, Meaning]) -> bool:
 
 def has_time(path: Path) -> bool:
     """Whether a table has a column of time. Raises DatasetError where it cannot be read."""
-    head = head_of(path)
-    return head.has_header and _time(_Log(path, head.columns, _frame_of(head))) is not None
+    return _time(_log_of(head_of(path)), {}) is not None
 
 
 def head_of(path: Path) -> UserTable:
@@ -124,7 +125,7 @@ def head_of(path: Path) -> UserTable:
 def read_table_log(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> Recording:
     """Joints and points of a log that is a table. Raises RecordingError where it has no column of time."""
     log, notes = _loaded(path, robot, mapping)
-    time = _time(log)
+    time = _time(log, mapping)
     if time is None:
         raise RecordingError(
             f"{path}: no column of time; found {', '.join(log.columns[:30])}; name it time_s (or time_ms, stamp)"
@@ -153,13 +154,31 @@ def _loaded(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> tuple[_
     if path.suffix.lower() in JSON_LINES:
         return _json_lines(path), []
     if is_records(path):
-        table = load_table(path, lambda _: None)
-        return _named_by_cells(_Log(path, table.columns, _frame_of(table))), []
+        return _log_of(load_table(path, lambda _: None)), []
     return _csv(path, robot, mapping)
 
 
-def _frame_of(table: UserTable) -> Any:
-    return pd.DataFrame({name: table.text(name) for name in table.columns})
+def _log_of(table: UserTable) -> _Log:
+    """Log of a table; one without names as `ros2 topic echo --csv` writes messages."""
+    names = table.columns if table.has_header else _echoed(table.rows[0])
+    frame = pd.DataFrame(list(table.rows), columns=list(names))
+    return _named_by_cells(_Log(table.path, tuple(names), frame, table.rate_hz))
+
+
+def _echoed(row: Sequence[str]) -> list[str]:
+    """Names of the cells of a message that `ros2 topic echo --csv` wrote: stamp, frame, joints or a place."""
+    names = [f"column {k + 1}" for k in range(len(row))]
+    if len(row) < 6 or not (row[0].isdigit() and row[1].isdigit() and as_number(row[2]) is None):
+        return names
+    names[:3] = ["sec", "nanosec", "frame_id"]
+    words = next((k for k in range(3, len(row)) if as_number(row[k]) is not None), len(row)) - 3
+    rest = len(row) - 3 - words
+    if words > 1 and rest % words == 0:
+        lists = ("position", "velocity", "effort")[: rest // words]
+        names[3:] = [f"name{k}" for k in range(words)] + [f"{each}{k}" for each in lists for k in range(words)]
+    elif words <= 1 and rest in (3, 7):
+        names[3 + words :] = ["x", "y", "z", "qx", "qy", "qz", "qw"][:rest]
+    return names
 
 
 def _csv(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> tuple[_Log, list[str]]:
@@ -168,24 +187,24 @@ def _csv(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> tuple[_Log
     if size > MOST_BYTES:
         raise RecordingError(f"{path}: has {size / 1e9:.3g} GB; a log has at most {MOST_BYTES / 1e9:g} GB, cut it")
     head = head_of(path)
-    short = _named_by_cells(_Log(path, head.columns, _frame_of(head)))
+    short = _log_of(head)
     wanted = set(_columns_of_interest(short, robot, mapping))
     k_wanted = [k for k, name in enumerate(short.columns) if name in wanted]
-    with path.open("rb") as file:
-        first = decoded(file.read(65536)).lstrip("\ufeff").splitlines()
-    line = next(k for k, text in enumerate(first) if text.strip())
-    separator = max((",", ";", "\t"), key=first[line].count)
-    if not first[line].count(separator):
-        separator = r"\s+"
+    separator = r"\s+" if head.separator == " " else head.separator
     options: dict[str, Any] = {
-        "sep": separator, "header": None, "skiprows": line + 1, "usecols": k_wanted, "dtype": str,
-        "on_bad_lines": "skip", "encoding_errors": "replace", "chunksize": 200_000,
+        "sep": separator, "header": None, "skiprows": head.lines[0] - 1, "usecols": k_wanted, "dtype": str,
+        "skipinitialspace": True, "on_bad_lines": "skip", "encoding_errors": "replace", "chunksize": 200_000,
         "engine": "python" if separator == r"\s+" else "c",
     }  # fmt: skip
     parts, count = [], 0
     try:
+        first = pd.read_csv(path, **{**options, "usecols": None, "chunksize": None, "nrows": 1})
+        if first.shape[1] < len(head.columns):
+            return _log_of(load_table(path, lambda _: None, any_encoding=True)), []  # its cells hold lists
         for part in pd.read_csv(path, **options):
-            made = part if separator != ";" else part.apply(lambda column: column.str.replace(",", ".", regex=False))
+            made = part if head.style == PLAIN_NUMBERS else part.map(head.style.plain, na_action="ignore")
+            if head.style.decimal == ",":  # of times of day, too
+                made = made.apply(lambda column: column.str.replace(",", ".", regex=False))
             made.columns = [short.columns[k] for k in sorted(k_wanted)]
             numbers = made.apply(pd.to_numeric, errors="coerce")
             is_text = [name for name in made.columns if numbers[name].isna().all() and made[name].notna().any()]
@@ -198,7 +217,7 @@ def _csv(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> tuple[_Log
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         raise RecordingError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
     frame = pd.concat(parts, ignore_index=True)
-    return _Log(path, tuple(frame.columns), frame), []
+    return _Log(path, tuple(frame.columns), frame, head.rate_hz), []
 
 
 def _json_lines(path: Path) -> _Log:
@@ -350,8 +369,11 @@ def _named_by_cells(log: _Log) -> _Log:
 # ---- time ------------------------------------------------------------------------------------------------------------
 
 
-def _time(log: _Log) -> tuple[Array, tuple[str, ...]] | None:
+def _time(log: _Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str, ...]] | None:
     """Times (N,), s, with the columns that hold them; None where there are none. Raises RecordingError."""
+    told = next((name for name in log.columns if name in mapping and mapping[name].name == "time_s"), None)
+    if told is not None:
+        return _in_seconds(log, told, mapping[told].unit or _time_unit(told)[1]), (told,)
     ends = {name: re.split(r"[^A-Za-z0-9]+", name.strip("%_ ")) for name in log.columns}
     for name, parts in ends.items():
         if parts[-1].lower() in _SECONDS:
@@ -364,25 +386,69 @@ def _time(log: _Log) -> tuple[Array, tuple[str, ...]] | None:
         base, unit = _time_unit(name)
         word = plain(base)
         if word in _TIMES:
-            ranked.append((_TIMES.index(word), k, name, unit))
+            ranked.append((_TIMES.index(word), k, name, "ms" if word == "ipoc" else unit))
         elif word.endswith(("headerstamp", "timestamp")):
             ranked.append((len(_TIMES), k, name, unit))
+        elif words_of(name) & {"time", "timestamp", "stamp", "zeit"} and _goes_on(log.numbers(name)):
+            ranked.append((len(_TIMES) + 1, k, name, unit))
     if not ranked:
-        return None
+        frame = next((name for name in log.columns if plain(name) == "frame"), None)
+        if not log.rate_hz:
+            return None
+        frames = np.arange(len(log.frame), dtype=float) if frame is None else log.numbers(frame)
+        return frames / log.rate_hz, () if frame is None else (frame,)
     _, _, name, unit = min(ranked)
+    return _in_seconds(log, name, unit), (name,)
+
+
+def _in_seconds(log: _Log, name: str, unit: str) -> Array:
+    """Times (N,), s, of a column of numbers or dates, its unit by their size where none is given."""
     values = log.numbers(name)
     if not np.isfinite(values).any():
-        dates = pd.to_datetime(log.frame[name], errors="coerce", utc=True, format="mixed")
+        dates = _dates(log.frame[name])
         if dates.isna().all():
             raise RecordingError(
                 f"{log.path}: column {name}: found {str(log.frame[name].iloc[0])[:40]!r}; a time is needed"
             )
         values = np.where(dates.isna(), np.nan, (dates - dates.min()).dt.total_seconds())
-        return np.asarray(values, dtype=float) + dates.min().timestamp(), (name,)
+        return np.asarray(values, dtype=float) + dates.min().timestamp()
     if unit:
-        return values * _SCALES[unit], (name,)
+        return values * _SCALES[unit]
     largest = float(np.nanmax(np.abs(values)))
-    return values * next((scale for low, high, scale in _EPOCHS if low < largest < high), 1.0), (name,)
+    if largest < _EPOCHS[0][0] and _counts_milliseconds(values):
+        return values * 1e-3
+    return values * next((scale for low, high, scale in _EPOCHS if low < largest < high), 1.0)
+
+
+def _dates(cells: Any) -> Any:
+    """Dates of texts: of one form, which is quick, else each by itself; 05.03.2024 has its day first."""
+    day_first = bool(re.match(r"\s*\d{1,2}\.\d{1,2}\.\d{4}", str(cells.iloc[0])))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return pd.to_datetime(cells, utc=True, dayfirst=day_first)
+        except (ValueError, UserWarning):
+            pass
+    return pd.to_datetime(cells, errors="coerce", utc=True, format="mixed", dayfirst=day_first)
+
+
+def _goes_on(values: Array) -> bool:
+    """Whether numbers never fall, and rise at times, as a clock's do."""
+    steps = np.diff(values)
+    return bool(len(steps) and (steps >= 0.0).all() and steps.any())
+
+
+def _counts_milliseconds(values: Array) -> bool:
+    """Whether a clock without a unit counts milliseconds: it goes on evenly in whole numbers for long."""
+    known = values[np.isfinite(values)]
+    steps = np.diff(known)
+    return bool(
+        len(known) > 1
+        and known[-1] - known[0] >= _COUNTED
+        and (known == np.round(known)).all()
+        and np.mean(steps == np.median(steps)) > 0.9
+        and np.median(steps) >= 1.0
+    )
 
 
 def _time_unit(name: str) -> tuple[str, str]:
@@ -411,27 +477,16 @@ def _continued(time_s: Array) -> tuple[Array, int]:
 # ---- columns ---------------------------------------------------------------------------------------------------------
 
 
-def _words(name: str) -> set[str]:
-    return {word for word in re.split(r"[^a-z0-9]+|(?<=[a-z])(?=\d)", name.lower()) if word}
-
-
-def _positions(log: _Log) -> list[str]:
-    """Columns that may hold joint values: neither speeds nor commands."""
-    return [name for name in log.columns if not _words(name) & _NOT_POSITIONS]
-
-
 def _joint_columns(log: _Log, robot: Robot, mapping: Mapping[str, Meaning]) -> list[str]:
-    names = [name for name in log.columns if name in mapping] + _positions(log)
-    for tried in (list(dict.fromkeys(names)), list(log.columns)):
-        meant = recognise(tried, robot, mapping)
-        wanted = [f"q{k + 1}" for k in range(robot.n_joints)]
-        if all(name in meant.columns for name in wanted):
-            return [meant.columns[name].name for name in wanted]
-    return []
+    meant = recognise(log.columns, robot, mapping)
+    if meant.faults:
+        raise RecordingError(f"{log.path}: {'; '.join(meant.faults)}")
+    wanted = [f"q{k + 1}" for k in range(robot.n_joints)]
+    return [meant.columns[name].name for name in wanted] if all(name in meant.columns for name in wanted) else []
 
 
 def _columns_of_interest(log: _Log, robot: Robot, mapping: Mapping[str, Meaning]) -> list[str]:
-    time = _time(log)
+    time = _time(log, mapping)
     joints = _joint_columns(log, robot, mapping)
     triples = [name for triple in _triples(log, mapping, set(joints)).values() for name in triple]
     conditions = [name for name in _condition_columns(log, joints).values() if name]
@@ -459,7 +514,7 @@ def _condition_columns(log: _Log, joints: Sequence[str]) -> dict[str, str]:
         of_kind = [
             n
             for n in log.columns
-            if _words(n) & words and not _words(n) & {"target", "desired", "command", "tcp", "control"}
+            if words_of(n) & words and not words_of(n) & {"target", "desired", "command", "tcp", "control"}
         ]
         numbered = sorted((int(m[1]), name) for name in of_kind if (m := re.search(r"(\d+)\]?$", name)))
         for k, joint in enumerate(joints):
@@ -480,8 +535,8 @@ def _triples(log: _Log, mapping: Mapping[str, Meaning], joints: set[str]) -> dic
     found: dict[str, dict[str, str]] = {}
     for name in log.columns:
         base, _ = split_unit(name)
-        match = re.fullmatch(r"(?P<before>.*?)(?:^|[^A-Za-z0-9]|(?<=[a-z]))(?P<axis>[xyzXYZ])", base.strip())
-        if match and name not in joints and not _words(match["before"]) & _NOT_PLACES:
+        match = re.fullmatch(r"(?P<before>.*?)(?:^|[^A-Za-z0-9]|(?<=[a-z]))T?(?P<axis>[xyzXYZ])", base.strip())
+        if match and name not in joints and not words_of(match["before"]) & _NOT_PLACES:
             found.setdefault(match["before"].strip("/._ "), {}).setdefault(match["axis"].lower(), name)
     return {key: (axes["x"], axes["y"], axes["z"]) for key, axes in found.items() if len(axes) == 3}
 
@@ -524,14 +579,21 @@ def _points(log: _Log, time_s: Array, mapping: Mapping[str, Meaning], joints: se
 def describe(path: Path) -> tuple[bool, bool]:
     """Whether a log has joints and points by the names of its columns, without a robot. Raises DatasetError."""
     if is_always_log(path):
-        log = _parquet(path)[0] if path.suffix.lower() not in JSON_LINES else _json_lines(path)
-    else:
-        head = head_of(path)
-        log = _named_by_cells(_Log(path, head.columns, _frame_of(head)))
-    meant = recognise(_positions(log), None, {})
-    named = [n for n in _positions(log) if n.startswith(_STATE) or n.endswith(("/position", "joint"))]
-    named += [n for n in _positions(log) if split_unit(n)[1] in ("deg", "rad")]
+        return _described(_parquet(path)[0] if path.suffix.lower() not in JSON_LINES else _json_lines(path))
+    return describe_table(head_of(path))
+
+
+def describe_table(table: UserTable) -> tuple[bool, bool]:
+    """Whether a table has joints and points by the names of its columns, without a robot. Raises DatasetError."""
+    return _described(_log_of(table))
+
+
+def _described(log: _Log) -> tuple[bool, bool]:
+    positions = [name for name in log.columns if is_position(name)]
+    meant = recognise(log.columns, None, {})
+    named = [n for n in positions if n.startswith(_STATE) or n.lower().endswith(("/position", "joint"))]
+    named += [n for n in positions if split_unit(n)[1] in ("deg", "rad") and not words_of(n) & _TURNS]
     return ("q1" in meant.columns or bool(meant.faults) or len(named) > 1, bool(_triples(log, {}, set())))
 
 
-__all__ = ["DatasetError", "describe", "has_time", "is_log", "read_table_log"]
+__all__ = ["DatasetError", "describe", "describe_table", "has_time", "is_log", "read_table_log"]

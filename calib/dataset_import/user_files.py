@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from calib.dataset_import.columns import length_column, recognise
-from calib.dataset_import.table_logs import describe, is_lerobot
+from calib.dataset_import.table_logs import describe, describe_table, is_lerobot
 from calib.errors import CalibError
 from calib.recordings.bags import bag_topics, is_bag, kinds_of_topics
 from calib.recordings.series import BAGS, JSON_LINES, PARQUET
 from calib.robot_formats.origin_yaml import read_origin_yaml
-from calib.text_files.records import RECORDS, sheets
+from calib.text_files.records import RECORDS, SPREADSHEETS, sheets
 from calib.text_files.text_file import decoded
 from calib.text_files.user_table import UserTable, load_table, parse_table, plain, split_unit
 
@@ -190,6 +190,17 @@ def _sheets(path: Path) -> list[UserFile]:
         return [UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))]
 
 
+def is_workbook(path: Path) -> bool:
+    """Whether a path is a spreadsheet, none of its sheets named."""
+    return path.suffix.lower() in SPREADSHEETS and path.is_file()
+
+
+def of_workbook(path: Path) -> UserFiles:
+    """Sheets of a workbook as tables, where several are; no files where one or none is."""
+    found = [file for file in _sheets(path) if file.kind != UNUSED]
+    return UserFiles(path.parent, tuple(found) if len(found) > 1 else ())
+
+
 def _judged_text(path: Path) -> UserFile:
     try:
         return _judged_table(path, parse_table(path, _head(path), lambda _: None))
@@ -207,6 +218,10 @@ def _judged_table(path: Path, table: UserTable) -> UserFile:
     meant = recognise(table.columns, None, {})
     has_joints = "q1" in meant.columns or bool(meant.faults)
     has_points = all(axis in meant.columns for axis in "xyz") or length_column(meant) is not None
+    if not has_joints and not has_points:
+        has_joints, has_points = describe_table(table)
+    elif not has_joints:
+        has_joints = sum(plain(split_unit(name)[0]).endswith("joint") for name in table.columns) > 2
     if has_joints or has_points:
         kind = BOTH if has_joints and has_points else JOINTS if has_joints else POINTS
         return UserFile(path, kind, "by the names of its columns")
@@ -223,6 +238,9 @@ def _judged_table(path: Path, table: UserTable) -> UserFile:
 
 def _without_header(path: Path, table: UserTable) -> UserFile:
     width = len(table.columns)
+    has_joints, has_points = describe_table(table)
+    if has_joints or has_points:
+        return UserFile(path, JOINTS if has_joints else POINTS, "messages of ROS, by their cells")
     if width == 3:
         return UserFile(path, SCAN, "three numbers a line")
     if width == 4:

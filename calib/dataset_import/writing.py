@@ -19,7 +19,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
 from calib.dataset_import.camera_views import CameraPoints
-from calib.dataset_import.columns import Recognised, length_column
+from calib.dataset_import.columns import Recognised, is_beside_point, length_column
 from calib.dataset_import.reading import ImportReport
 from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import CalibError, DatasetError
@@ -83,6 +83,10 @@ def poses_text(
     kept = [m for m in meant.columns if m in (*CONDITIONS, "setup", "scan") or quantity_of(m) == "approach"]
     taken = {"pose", "role", *names, *kept}
     rest = [name for name in meant.rest if name not in taken]
+    beside = [name for name in rest if "x" in meant.columns and is_beside_point(name)]
+    if beside:  # as inputs they would explain the error by itself
+        report.notes.append(f"{table.path}: columns of other or nominal points are left out: {', '.join(beside)}")
+        rest = [name for name in rest if name not in beside]
     if rest:
         report.notes.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
     columns = [_condition(report, table, meant, m) for m in kept] + [table.text(name) for name in rest]

@@ -24,9 +24,11 @@ _NOT_LOOKED_INTO = ("sensor_msgs/", "rcl_interfaces/", "rosgraph_msgs/", "diagno
                     "nav_msgs/msg/Path", "nav_msgs/msg/OccupancyGrid", "control_msgs/", "std_msgs/", "moveit_msgs/",
                     "actionlib_msgs/", "action_msgs/", "stereo_msgs/", "shape_msgs/", "octomap_msgs/")  # fmt: skip
 _LABELS = ("child_frame_id", "marker_name", "id", "marker_index", "fiducial_id", "tag_id", "object_id", "name",
-           "class_id", "tracking_id", "index")  # fmt: skip
+           "class_id", "tracking_id", "index", "rigid_body_name", "segment_name", "subject_name")  # fmt: skip
 _LISTS = ("transforms", "markers", "detections", "poses", "points", "fiducials", "tags", "bodies", "rigid_bodies",
-          "objects", "subjects")  # fmt: skip
+          "rigidbodies", "objects", "subjects")  # fmt: skip
+_ANGLES = ("q", "actual_q", "measured_joint_position", "joint_position", "joint_positions", "joint_angles")
+"""Lists of joint values without names, as messages of makers have them: they are named q1, q2 ..."""
 _FEW_TRIED = 20  # messages of a topic whose type is not known, before it is skipped as one without positions
 DELETED = 2  # action of a visualization_msgs/Marker that adds nothing from here on
 
@@ -67,13 +69,13 @@ def may_have_points(kind: str) -> bool:
 
 
 class _RosBag:
-    """ROS 1 bag, rosbag2 folder or lone .db3, by rosbags."""
+    """ROS 1 bags, rosbag2 folder or lone .db3, by rosbags."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, paths: list[Path]) -> None:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
 
-        self._reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        self._reader = AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
 
     def __enter__(self) -> _RosBag:
         self._reader.open()
@@ -162,7 +164,12 @@ class _Mcap:
 
 
 def _opened(path: Path) -> _RosBag | _Mcap:
-    return _Mcap(path) if path.suffix.lower() == ".mcap" and path.is_file() else _RosBag(path)
+    files = [path]
+    if path.is_dir() and not (path / "metadata.yaml").is_file():  # the parts of a split bag
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in (".bag", ".db3", ".mcap"))
+    if len(files) == 1 and files[0].suffix.lower() == ".mcap" and files[0].is_file():
+        return _Mcap(files[0])
+    return _RosBag(files)
 
 
 def _full_type(schema: Any) -> str:
@@ -229,6 +236,11 @@ def _series(messages: Iterable[Decoded], kinds: Mapping[str, str]) -> dict[str, 
             row = [log_s, _stamp_s(message), *(values[k] for k in order), *efforts]
             joints.setdefault(key, []).append(row)
             continue
+        angles = _angles(message)
+        if angles:
+            row = [log_s, _stamp_s(message), *angles, *[math.nan] * len(angles)]
+            joints.setdefault((topic, tuple(f"q{k + 1:02}" for k in range(len(angles)))), []).append(row)
+            continue
         found = list(_positions(message))
         if not found and (topic not in {t for t, _ in points}):
             without[topic] = without.get(topic, 0) + 1
@@ -243,6 +255,15 @@ def _series(messages: Iterable[Decoded], kinds: Mapping[str, str]) -> dict[str, 
 def _is_joint_state(message: Any) -> bool:
     name = getattr(message, "name", None)
     return isinstance(name, list) and hasattr(message, "position") and all(isinstance(each, str) for each in name)
+
+
+def _angles(message: Any) -> list[float]:
+    """Joint values of a message that names no joints; [] where it has none."""
+    for name in _ANGLES:
+        values = getattr(message, name, None)
+        if isinstance(values, (list, np.ndarray)) and len(values) > 3 and np.asarray(values).dtype.kind in "fi":
+            return _floats(values)
+    return []
 
 
 def packed(rows: list[list[float]]) -> dict[str, Any]:
@@ -304,7 +325,7 @@ def _position(part: Any, depth: int) -> tuple[float, float, float] | None:
     """Position of the first pose, transform or point within a message; None where there is none."""
     if depth > _DEPTH:
         return None
-    x, y, z = (getattr(part, axis, None) for axis in "xyz")
+    x, y, z = (getattr(part, axis, getattr(part, f"{axis}_trans", None)) for axis in "xyz")
     if x is not None and y is not None and z is not None and not hasattr(part, "w"):
         try:
             xyz = (float(x), float(y), float(z))

@@ -30,8 +30,10 @@ LEAST_SPREAD = 1e-3  # of the largest extent, in a second direction, of a point 
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a bag: a .bag, .mcap or .db3, or a folder of rosbag2."""
-    return path.suffix.lower() in BAGS if path.is_file() else (path / _METADATA).is_file()
+    """Whether a path is a bag: a .bag, .mcap or .db3, a folder of rosbag2, or one of the parts of a bag alone."""
+    if not path.is_dir():
+        return path.suffix.lower() in BAGS and path.is_file()
+    return (path / _METADATA).is_file() or {f.suffix.lower() in BAGS for f in path.iterdir()} == {True}
 
 
 def bag_topics(path: Path) -> list[tuple[str, str, int]]:

@@ -14,6 +14,7 @@ from calib.errors import DatasetError
 BAGS = (".bag", ".mcap", ".db3")
 PARQUET = ".parquet"
 JSON_LINES = (".jsonl", ".ndjson")
+_HELD = 5.0  # times as many rows with one value as are usual
 _FILES = (*BAGS, PARQUET, *JSON_LINES, ".csv", ".tsv", ".txt", ".dat", ".json")
 
 
@@ -83,6 +84,19 @@ def in_order(time_s: Array, *values: Array) -> tuple[Array, ...]:
     _, first = np.unique(time_s[known], return_index=True)
     rows = known[first]
     return (time_s[rows], *(each[rows] for each in values))
+
+
+def lost_rows(xyz: Array) -> BoolArray:
+    """Rows (N,) that an instrument wrote while it had lost its target: zeros, or the last value held for long.
+
+    A value that stands there for a few rows is one of a log that is faster than the instrument, or of few digits.
+    """
+    starts = np.flatnonzero(np.r_[True, (np.diff(xyz, axis=0) != 0.0).any(axis=1)])
+    lengths = np.diff(np.r_[starts, len(xyz)])
+    held = lengths > np.maximum(_HELD, _HELD * np.quantile(lengths, 0.9)) if len(lengths) > 1 else np.zeros(1, bool)
+    lost = np.repeat(held, lengths)
+    lost[starts] = False  # the first was measured
+    return np.asarray(lost | (xyz == 0.0).all(axis=1))
 
 
 class RecordingError(DatasetError):

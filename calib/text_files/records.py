@@ -7,6 +7,7 @@ meant.
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from datetime import date
@@ -23,7 +24,11 @@ RECORDS = (*SPREADSHEETS, ".json")
 _MOST_UNPACKED = 200_000_000  # bytes of a workbook, which is a zip
 _MOST_ROWS = 200_000
 _FEWEST_CELLS = 3  # filled in a row of a table; titles above it have fewer
-_JOINTS = ("q", "joints", "joint", "jointpositions", "jointangles", "jointstates", "position", "positions", "actualq")
+_ANGLES = ("q", "joints", "joint", "jointpositions", "jointangles", "jointstates", "jointvalues", "angles", "actualq",
+           "jointpos", "qpos")  # fmt: skip
+_PLACES = ("position", "positions")  # beside lists of angles; without them they are the joints'
+_JOINTS = (*_ANGLES, *_PLACES)
+_LIST = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
 _POINT = ("point", "xyz", "measured", "translation", "marker", "tcp", "tracker")
 
 Rows = list[list[str]]
@@ -43,7 +48,7 @@ def is_records(path: Path) -> bool:
 
 
 def read_records(path: Path) -> Rows:
-    """Rows of cells of a sheet or of JSON records, the first that of the names; the rows above it are empty.
+    """Rows of cells of a sheet, with what stands above its table, or of JSON records below their names.
 
     Raises DatasetError where the file cannot be read or holds no such table.
     """
@@ -80,7 +85,7 @@ def sheets(path: Path) -> dict[str, Rows]:
         }
     except (CalamineError, OSError, ValueError, zipfile.BadZipFile) as error:
         raise DatasetError(f"{path}: cannot be read as a spreadsheet ({error}); save its sheet as CSV") from None
-    tables = {name: _from_header([list(map(_cell, row)) for row in rows[:_MOST_ROWS]]) for name, rows in named.items()}
+    tables = {name: _of_table([list(map(_cell, row)) for row in rows[:_MOST_ROWS]]) for name, rows in named.items()}
     return {name: rows for name, rows in tables.items() if rows}
 
 
@@ -99,13 +104,9 @@ def _refuse_large(path: Path) -> None:
         )
 
 
-def _from_header(rows: Rows) -> Rows:
-    """Rows from the first with three filled cells on, those above it empty; [] where there is no table."""
-    filled = [sum(bool(cell) for cell in row) for row in rows]
-    first = next((k for k, count in enumerate(filled) if count >= _FEWEST_CELLS), None)
-    if first is None or not any(filled[first + 1 :]):
-        return []
-    return [[] for _ in range(first)] + rows[first:]
+def _of_table(rows: Rows) -> Rows:
+    """The rows where several have three filled cells or more, which titles have not; [] where there is no table."""
+    return rows if sum(sum(map(bool, row)) >= _FEWEST_CELLS for row in rows) > 1 else []
 
 
 def _cell(value: Any) -> str:
@@ -130,8 +131,14 @@ def _json_rows(path: Path) -> Rows:
     except (json.JSONDecodeError, RecursionError) as error:
         raise DatasetError(f"{path}: cannot be read as JSON ({error}); one object a pose in a list is needed") from None
     if isinstance(content, Mapping):
-        lists = [value for value in content.values() if isinstance(value, list) and value]
-        content = max(lists, key=len, default=content)
+        lists = {name: value for name, value in content.items() if isinstance(value, list) and value}
+        of_records = [value for value in lists.values() if all(isinstance(each, Mapping) for each in value)]
+        if of_records or not lists:
+            content = max(of_records, key=len, default=content)
+        else:  # a list a column
+            most = max(map(len, lists.values()))
+            named = {name: value for name, value in lists.items() if len(value) == most}
+            content = [dict(zip(named, row, strict=True)) for row in zip(*named.values(), strict=True)]
     if not isinstance(content, list) or not content or not all(isinstance(each, Mapping) for each in content):
         raise DatasetError(f"{path}: holds no list of records; one object a pose in a list is needed")
     records = [flat_record(each) for each in content[:_MOST_ROWS]]
@@ -142,8 +149,10 @@ def _json_rows(path: Path) -> Rows:
 def flat_record(record: Mapping[str, Any]) -> dict[str, str]:
     """Cells of a record by column: a list of joints as q1 ..., of a point as x, y, z, an object by its keys."""
     out: dict[str, str] = {}
+    keys = {name: "".join(c for c in str(name).lower() if c.isalnum()) for name in record}
+    has_joints = any(isinstance(record[name], list) and key in _ANGLES for name, key in keys.items())
     for name, value in record.items():
-        key = "".join(c for c in str(name).lower() if c.isalnum())
+        key = f"point{keys[name]}" if has_joints and keys[name] in _PLACES else keys[name]
         if isinstance(value, Mapping):
             for inner, cell in flat_record(value).items():
                 out[inner if inner in ("x", "y", "z") else f"{name}_{inner}"] = cell
@@ -158,5 +167,23 @@ def _names(name: str, key: str, values: Sequence[Any]) -> list[str]:
     """Columns of a list: its name with numbers, unless it is the joints' or a point's."""
     if len(values) == 3 and any(key.startswith(word) for word in _POINT):
         return ["x", "y", "z"]
-    start = "q" if key in _JOINTS else f"{name}_"
+    start = "q" if key in _JOINTS or key.endswith(("state", "qpos")) else f"{name}_"
     return [f"{start}{k + 1}" for k in range(len(values))]
+
+
+def list_columns(names: Sequence[str], rows: Sequence[list[str]]) -> tuple[list[str], list[list[str]]]:
+    """Columns whose cells are lists of numbers, such as [0.1, 0.2], as a column each, named as those of records."""
+    lists: dict[int, list[list[str]]] = {}
+    for k in range(len(names)):
+        if rows and all(_LIST.fullmatch(row[k]) for row in rows):
+            found = [re.split(r"[,;\s]+", row[k][1:-1].strip()) for row in rows]
+            if len({len(each) for each in found}) == 1 and len(found[0]) > 1:
+                lists[k] = found
+    if not lists:
+        return list(names), list(rows)
+    flat = list(flat_record({name: [0] * len(lists[k][0]) if k in lists else "" for k, name in enumerate(names)}))
+    cells = [
+        [cell for k, old in enumerate(row) for cell in (lists[k][i] if k in lists else [old])]
+        for i, row in enumerate(rows)
+    ]
+    return (flat, cells) if len(flat) == len(cells[0]) else (list(names), list(rows))

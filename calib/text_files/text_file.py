@@ -26,7 +26,7 @@ def decoded(content: bytes) -> str:
         if len(head) >= 4 and zeros.count(0) > 0.6 * len(zeros) and not others.count(0):
             return content.decode(encoding, errors="replace")
     try:
-        return content.decode("utf-8-sig")
+        return codecs.getincrementaldecoder("utf-8-sig")().decode(content)  # a beginning may end within a character
     except UnicodeDecodeError:
         return content.decode("cp1252", errors="replace")
 

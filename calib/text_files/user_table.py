@@ -13,8 +13,9 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import DatasetError
-from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows, lines_of
-from calib.text_files.records import is_records, read_records
+from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows
+from calib.text_files.layout import PLAIN_NUMBERS, NumberStyle, header_of, number_style, separator_of, without_comments
+from calib.text_files.records import is_records, list_columns, read_records
 from calib.text_files.text_file import read_text
 
 UNITS = {
@@ -27,6 +28,9 @@ MOST_CHARACTERS = 200  # of a column name that is parsed
 _UNIT = re.compile(r"^(?P<name>.*?)(?:[\s_]*[\[(]\s*(?P<bracket>[^\])]+?)\s*[\])]|[\s_.]+(?P<end>[^\s_.\d]+))$")
 
 
+_STYLE_ROWS = 2000  # by which the way of writing numbers is told
+
+
 def split_unit(name: str) -> tuple[str, str]:
     """A column's name without its unit, and the unit; "" where the name has no known unit."""
     found = _UNIT.match(name.strip()) if len(name) <= MOST_CHARACTERS else None
@@ -35,11 +39,8 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def plain(name: str) -> str:
-    """A name in lower case, letters and digits only."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
-
-
-_SEPARATORS = (",", ";", "\t")
+    """A name in lower case, letters and digits of any script only."""
+    return "".join(c for c in name.lower() if c.isalnum())
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,9 @@ class UserTable:
     lines: tuple[int, ...]
     has_header: bool
     positions: tuple[int, ...] = ()  # of the rows in the file, from 0; (): rows 0, 1, 2 ...
+    separator: str = ","  # of a text
+    style: NumberStyle = PLAIN_NUMBERS  # of the numbers in a text; those of the rows are plain
+    rate_hz: float = 0.0  # of the rows, where the file tells it
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -131,41 +135,40 @@ def load_table(path: Path, fault: Callable[[Fault], None] | None = None, *, any_
 
 def parse_table(path: Path, text: str, fault: Callable[[Fault], None] | None = None) -> UserTable:
     """Parse a user's table from text; `path` names it in errors. Otherwise as `load_table`."""
-    first = next((line for line in lines_of(text) if line.strip()), "")
-    if not first:
+    if not text.strip():
         raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
-    separator = max(_SEPARATORS, key=first.count)
-    if not first.count(separator) and len(first.split()) > 1:
-        text, separator = "\n".join(",".join(line.split()) for line in text.splitlines()), ","
+    separator = separator_of(text)
+    text = without_comments(text, separator)
+    if separator == " ":
+        text = "\n".join(
+            ",".join(f'"{word}"' if "," in word else word for word in line.split()) for line in text.splitlines()
+        )
     numbered = [
         (line, [" ".join(c.split()) for c in row])
-        for line, row in csv_rows(path, text, separator)
+        for line, row in csv_rows(path, text, "," if separator == " " else separator)
         if any(c.strip() for c in row)
     ]
-    if separator == ";":
-        numbered = [(line, [c.replace(",", ".") if _is_comma_number(c) else c for c in row]) for line, row in numbered]
-    return _table_of(path, numbered, fault)
+    return replace(_table_of(path, numbered, fault, separator), separator=separator)
 
 
 def _table_of(
-    path: Path, numbered: Sequence[tuple[int, list[str]]], fault: Callable[[Fault], None] | None
+    path: Path, numbered: Sequence[tuple[int, list[str]]], fault: Callable[[Fault], None] | None, separator: str = ","
 ) -> UserTable:
-    """Table of rows of cells, each with its line; the first has the names, or numbers. Otherwise as `load_table`."""
+    """Table of rows of cells, each with its line; names stand above the first row of numbers, else as `load_table`."""
 
     def wrong(message: Fault) -> None:
         if fault is None:
             raise DatasetError(str(message))
         fault(message)
 
-    line, names = numbered[0]
-    has_header = not all(as_number(cell) is not None for cell in names if cell)
-    body = numbered[1:] if has_header else numbered
-    while names and not names[-1]:
-        names.pop()
-    columns = names if has_header else [f"column {k + 1}" for k in range(len(names))]
+    style = number_style([cell for _, row in numbered[:_STYLE_ROWS] for cell in row], separator)
+    numbered = [(line, list(map(style.plain, row))) for line, row in numbered]
+    header = header_of(numbered)
+    body, names = list(numbered[header.first :]), list(header.names)
+    columns = names or [f"column {k + 1}" for k in range(len(numbered[0][1]))]
     columns = [name or f"column {k + 1}" for k, name in enumerate(columns)]
     for repeated in [name for name, times in Counter(columns).items() if times > 1]:
-        wrong(f"{path}: line {line}: column {repeated!r} stands there twice; rename one")
+        wrong(f"{path}: line {header.line}: column {repeated!r} stands there twice; rename one")
         columns = [
             f"{name} ({columns[:k].count(name) + 1})" if name == repeated and name in columns[:k] else name
             for k, name in enumerate(columns)
@@ -177,9 +180,9 @@ def _table_of(
             found = f"found {len(row)} cells, the first line has {len(columns)}; name the others or remove them"
             wrong(RowFault(path, number, found))
     width = len(columns)
-    rows = tuple(tuple((row + [""] * width)[:width]) for _, row in body)
-    return UserTable(path, tuple(columns), rows, tuple(number for number, _ in body), has_header)
-
-
-def _is_comma_number(cell: str) -> bool:
-    return cell.count(",") == 1 and as_number(cell.replace(",", ".")) is not None
+    rows = [(row + [""] * width)[:width] for _, row in body]
+    columns, rows = list_columns(columns, rows)
+    return UserTable(
+        path, tuple(columns), tuple(map(tuple, rows)), tuple(number for number, _ in body), bool(names), style=style,
+        rate_hz=header.rate_hz,
+    )  # fmt: skip

@@ -231,12 +231,12 @@ def test_what_is_not_clear_is_asked_for(truth: Dataset, tmp_path: Path) -> None:
     rows = both(truth, RAD, 1.0)
     twice = write(
         tmp_path / "two.csv",
-        [*(f"{s}_q_{k}" for s in ("actual", "target") for k in range(6)), "x", "y", "z"],
+        [*(f"{s}_q_{k}" for s in ("left", "right") for k in range(6)), "x", "y", "z"],
         np.hstack([rows[:, :6], rows]),
     )
     said = refusal(tmp_path, lambda: import_dataset(tmp_path / "cell", ROBOT, twice))
-    assert "found 2 sets of joint columns, actual_q_0 ... and target_q_0 ..." in said
-    made = import_dataset(tmp_path / "cell", ROBOT, twice, mapping=parsed_mapping(["target_q_*=q*"]))
+    assert "found 2 sets of joint columns, left_q_0 ... and right_q_0 ..." in said
+    made = import_dataset(tmp_path / "cell", ROBOT, twice, mapping=parsed_mapping(["right_q_*=q*"]))
     assert made.dataset.poses.q == pytest.approx(truth.poses.q)
     few = write(tmp_path / "few.csv", ["q1", "q2", "x", "y", "z"], rows[:, :5])
     assert "6 columns of joints are needed, q1 to q6" in refusal(

@@ -7,7 +7,7 @@ import pytest
 
 from calib.recordings.clocks import offset_of_single_points, possible_offsets, refined
 from calib.recordings.means import autocorrelation_time, means_of
-from calib.recordings.series import RecordingError, in_order
+from calib.recordings.series import RecordingError, in_order, lost_rows
 from calib.recordings.standstill import Phase, approach_of, standstill_of
 from tests.support.recorded_run import recorded_run, tool_mm
 
@@ -105,3 +105,12 @@ def test_rows_come_in_order_of_time_once() -> None:
     time_s, values = in_order(np.array([3.0, 1.0, np.nan, 3.0, 2.0]), np.arange(5.0))
     assert time_s.tolist() == [1.0, 2.0, 3.0]
     assert values.tolist() == [1.0, 4.0, 0.0]
+
+
+def test_zeros_and_held_values_of_a_lost_target_are_no_points() -> None:
+    xyz = np.random.default_rng(0).normal(0.0, 1.0, (100, 3))
+    lost = np.zeros(100, dtype=bool)
+    xyz[10:20], xyz[41:60] = 0.0, xyz[40]
+    lost[10:20] = lost[41:60] = True
+    assert lost_rows(xyz).tolist() == lost.tolist()
+    assert not lost_rows(np.repeat(np.delete(xyz, np.flatnonzero(lost), axis=0), 10, axis=0)).any()  # a faster log

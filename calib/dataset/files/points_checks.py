@@ -36,8 +36,8 @@ def require_targets(file: TableFile, names: Sequence[str], robot: Robot) -> None
         found = f"found {short(name)}"
         if not robot.carries_scanner and name not in ("jig", *on_arm):
             remedy = (
-                f"robot.toml knows {', '.join(('jig', *on_arm))}; add [[targets]] with this name and its xyz_mm on the "
-                "tool, or with joint = 3 on the link that joint 3 moves"
+                f"robot.toml knows {', '.join(dict.fromkeys(('jig', *on_arm)))}; add [[targets]] with this name and "
+                "its xyz_mm on the tool, or with joint = 3 on the link that joint 3 moves"
             )
             raise file.error(row, "target", found, remedy)
         if robot.carries_scanner and name in on_arm:
