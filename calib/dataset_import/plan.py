@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
+from calib.camera.flange_poses import has_flange_poses
 from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
@@ -18,7 +19,6 @@ from calib.dataset_import.columns import Column, Meaning, Recognised, length_col
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.reading import (
     ImportReport,
-    has_flange_poses,
     joint_values,
     named_by_cells,
     named_places,
@@ -320,7 +320,7 @@ def _with_numbers(
         require_near_spread(report, other or table, of_points, *length_unit(report.robot, q, near))
     if other is not None and of_points.rest:
         report.notes.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
-    if sheet is not None and other is None and has_flange_poses(table.columns):
+    if sheet is not None and other is None and has_flange_poses(table):
         known = np.isfinite(sheet.points_mm).all(axis=1) & np.isfinite(q).all(axis=1)
         off_mm = table_disagreement_mm(report.robot, q[known], sheet.points_mm[known])
         if off_mm is not None and off_mm < _COMPUTED_MM:

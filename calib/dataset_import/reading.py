@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
+from calib.camera.flange_poses import has_flange_poses
 from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import AS_MAPPED, Column, Meaning, Recognised, length_column, recognise
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
@@ -21,7 +22,6 @@ from calib.text_files.user_table import Fault, RowFault, UserTable, plain, split
 _MOST_FAULTS = 20
 _MOST_PLACES = 8  # that a fault lists
 _MOST = 1e9  # degrees, micrometres
-_TURNS = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"), ("qx", "qy", "qz"), ("w", "p", "r"))
 _MOST_DEG = 400.0  # of a joint
 _RECORDED = 300  # rows, from which a table may be a recording
 _SMALL_STEP = 0.05  # of the whole motion, between two rows of a recording
@@ -86,7 +86,7 @@ def recognised(
     have = ", ".join(table.columns[:30])
     if joints and robot is not None and not found.faults:
         missing = [f"q{k + 1}" for k in range(robot.n_joints) if f"q{k + 1}" not in found.columns]
-        if len(missing) == robot.n_joints and has_flange_poses(table.columns):
+        if len(missing) == robot.n_joints and has_flange_poses(table):
             report.fault(
                 f"{table.path}: line 1: its columns are Cartesian poses ({have}), and the joints' values are needed: "
                 "poses do not tell by which of several ways the arm reached them, nor what its table made of the "
@@ -118,12 +118,6 @@ def _has_points_first(table: UserTable, start: int) -> bool:
     """Whether the three columns from a place on are lengths, as they are too large for angles, and those behind not."""
     columns = [np.abs([as_number(cell) or 0.0 for cell in table.text(name)]).max() for name in table.columns[start:]]
     return bool(max(columns[:3]) > _MOST_DEG >= max(columns[3:]))
-
-
-def has_flange_poses(columns: Sequence[str]) -> bool:
-    """Whether columns are places and turns, as of a flange or tool."""
-    names = {plain(split_unit(name)[0]) for name in columns}
-    return {"x", "y", "z"} <= names and any(set(turns) <= names for turns in _TURNS)
 
 
 def joint_values(report: ImportReport, table: UserTable, meant: Recognised) -> Array | None:
