@@ -42,7 +42,7 @@ _MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
 _TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
 
 
-def _cv2() -> ModuleType:
+def opencv() -> ModuleType:
     """OpenCV. Raises CalibError where the extra is not installed."""
     try:
         import cv2
@@ -98,7 +98,7 @@ def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = No
 
     Raises CalibError where most images have no common size, or none shows the board.
     """
-    cv2 = _cv2()
+    cv2 = opencv()
     pictures, size_px, left_out = _pictures(cv2, images)
     finder, notes = _finder(cv2, board, dictionary, pictures)
     fewest = 4 if board.is_single else min(_FEWEST, len(board.corners_mm))
@@ -124,15 +124,11 @@ def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = No
 
 
 def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Array], tuple[int, int], dict[str, str]]:
-    """Grey images of the size that most have, that size, and why others are left out. Raises CalibError.
-
-    Pixels are taken as the sensor has them: how a program would turn them to be looked at says nothing of the camera.
-    """
-    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    """Grey images of the size that most have, that size, and why others are left out. Raises CalibError."""
     pictures: dict[str, Array] = {}
     left_out = {}
     for name, path in images.items():
-        picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), how) if path.stat().st_size else None
+        picture = picture_of(cv2, path, cv2.IMREAD_GRAYSCALE)
         if picture is None:
             left_out[path.name] = "cannot be read as an image"
         else:
@@ -154,6 +150,17 @@ def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Ar
             left_out[images[name].name] = f"has {width} x {height} pixels, most have {size_px[0]} x {size_px[1]}"
             del pictures[name]
     return pictures, size_px, left_out
+
+
+def picture_of(cv2: ModuleType, path: Path, how: int) -> Array | None:
+    """Image of a file, read as one of OpenCV's ways; None where it is none.
+
+    Pixels are taken as the sensor has them: how a program would turn them to be looked at says nothing of the camera.
+    """
+    if not path.stat().st_size:
+        return None
+    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), how | cv2.IMREAD_IGNORE_ORIENTATION)
+    return None if picture is None else np.asarray(picture)
 
 
 Finder = Callable[[Array], tuple[IndexArray, Array]]
@@ -326,13 +333,10 @@ class MeasuredViews:
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
-    cv2 = _cv2()
+    cv2 = opencv()
     width, height = detected.size_px
-    if given is not None and (given.width_px, given.height_px) != (width, height):
-        raise CalibError(
-            f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
-            f"{width} x {height}; calibrate the camera at this resolution, or leave them out"
-        )
+    if given is not None and given.size_px != (width, height):
+        raise wrong_resolution(given, detected.size_px, ", or leave them out")
     views, bad_corners = detected.views, 0
     lens, sigma_px, both = _lens_and_poses(cv2, detected, given)
     for _ in range(_ROUNDS):
@@ -359,6 +363,14 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     if not poses:
         raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
     return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners, sag_mm)
+
+
+def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "") -> CalibError:
+    """Error of a lens that is one of other images."""
+    return CalibError(
+        f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
+        f"{size_px[0]} x {size_px[1]}; calibrate the camera at this resolution{otherwise}"
+    )
 
 
 def _lens_and_poses(
