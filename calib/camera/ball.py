@@ -27,7 +27,8 @@ from calib.errors import CalibError
 from calib.planes.robust_fit import MAD_TO_SIGMA
 
 _SEARCHED_PX = 800  # longest side of the image in which balls are sought first
-_LEVELS = 14  # of brightness, at which outlines are drawn
+_LEVELS = 16  # of brightness, at which outlines are drawn
+_LEVEL_STEP = 5  # grey levels between them, at least
 _LEAST_SEARCHED_PX = 5.0  # radius in the searched image
 _ROUNDNESS = 0.75  # least share of the circle about an outline that the outline encloses
 _MOST_TRIED = 12  # candidates, the largest
@@ -113,11 +114,15 @@ def find_ball(cv2: ModuleType, channels: Sequence[Array], lens: Lens, radius_mm:
             if isinstance(ball, str):
                 refused = ball
                 continue
-            same = [other for other in found if np.hypot(*(ball.middle_px - other.middle_px)) < other.radius_px]
-            if not same:
+            apart = (np.hypot(*(ball.middle_px - other.middle_px)) > other.radius_px for other in found)
+            same = next((k for k, is_apart in enumerate(apart) if not is_apart), None)
+            if same is None:
                 found.append(ball)
-            elif ball.rough_px < same[0].rough_px and abs(ball.radius_px / same[0].radius_px - 1.0) < _ALIKE_WITHIN:
-                found[found.index(same[0])] = ball
+            elif (
+                ball.rough_px < found[same].rough_px
+                and abs(ball.radius_px / found[same].radius_px - 1.0) < _ALIKE_WITHIN
+            ):
+                found[same] = ball
     found.sort(key=lambda ball: -ball.radius_px)
     if len(found) > 1 and found[1].radius_px > _ALIKE * found[0].radius_px:
         return "shows several balls; which is meant is not known"
@@ -130,9 +135,12 @@ def _candidates(cv2: ModuleType, channel: Array, lens: Lens, radius_mm: float) -
     small = cv2.resize(channel, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA) if shrunk < 1.0 else channel
     small = cv2.GaussianBlur(small, (0, 0), 1.2)
     circles: list[tuple[float, float, float]] = []
-    for level in np.unique(np.quantile(small, np.linspace(0.02, 0.98, _LEVELS)).round()):
+    darkest, lightest = int(small.min()), int(small.max())
+    for level in range(darkest + _LEVEL_STEP, lightest, max(_LEVEL_STEP, (lightest - darkest) // _LEVELS)):
         outlines, _ = cv2.findContours((small > level).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         for outline in outlines:
+            if len(outline) < 2.0 * np.pi * _LEAST_SEARCHED_PX * _ROUNDNESS:
+                continue
             (u, v), radius = cv2.minEnclosingCircle(outline)
             if radius >= _LEAST_SEARCHED_PX and cv2.contourArea(outline) > _ROUNDNESS * np.pi * radius**2:
                 circles.append((u, v, float(np.sqrt(cv2.contourArea(outline) / np.pi))))

@@ -24,7 +24,7 @@ from calib.camera.view import covariance_of, shared_errors
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.points_csv import points_frame
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, recognised
+from calib.dataset_import.reading import ImportReport, comparable_id, has_flange_poses, pose_ids, recognised
 from calib.errors import CalibError
 from calib.kinematics.board_hand_eye import BoardHandEye, board_hand_eye
 from calib.kinematics.chain import forward
@@ -114,11 +114,19 @@ class CameraPoints:
         return frame_csv(points_frame(poses, self.points(ids)))
 
 
-def camera_points(choice: CameraChoice, joints: Path, mapping: Mapping[str, Meaning]) -> CameraPoints:
-    """Board poses by pose id, from images or marker poses and the table of joint values. Raises CalibError."""
+def camera_points(
+    choice: CameraChoice, joints: Path, mapping: Mapping[str, Meaning], robot: Robot | None = None
+) -> CameraPoints:
+    """Board poses by pose id, from images or marker poses and the table of joint values. Raises CalibError.
+
+    Where the table has no joint values of a given robot, that is told before the images are looked at.
+    """
     faults: list[str] = []
     table = load_table(joints, lambda fault: faults.append(str(fault)), any_encoding=True)
-    meant = recognised(ImportReport(None), table, mapping, positions=False, joints=False)
+    report = ImportReport(robot)
+    meant = recognised(report, table, mapping, positions=False)
+    if not has_flange_poses(table.columns):
+        report.raise_all()
     ids = pose_ids(ImportReport(None), table, meant)
     if choice.marker_poses is not None:
         return _of_marker_poses(choice, table, ids)

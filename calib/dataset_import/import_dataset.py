@@ -49,7 +49,10 @@ def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
     if choice.camera.images is not None or choice.camera.marker_poses is not None:
         if joints is None:
             raise CalibError("--images and --marker-poses need --joints FILE.csv, the joint values of each")
-        camera, points = camera_points(choice.camera, joints, choice.mapping), None
+        if faults:
+            raise CalibError(faults[0])
+        robot = robots[0].robot.robot if robots else None
+        camera, points = camera_points(choice.camera, joints, choice.mapping, robot), None
     return plan_import(
         ImportSources(
             robots, joints, points, files.scans, choice.mapping, faults,

@@ -77,7 +77,7 @@ def recognised(
     have = ", ".join(table.columns[:30])
     if joints and robot is not None and not found.faults:
         missing = [f"q{k + 1}" for k in range(robot.n_joints) if f"q{k + 1}" not in found.columns]
-        if len(missing) == robot.n_joints and _has_flange_poses(table.columns):
+        if len(missing) == robot.n_joints and has_flange_poses(table.columns):
             report.fault(
                 f"{table.path}: line 1: its columns are Cartesian poses ({have}), and the joints' values are needed: "
                 "poses do not tell by which of several ways the arm reached them, nor what its table made of the "
@@ -97,7 +97,7 @@ def recognised(
     return found
 
 
-def _has_flange_poses(columns: Sequence[str]) -> bool:
+def has_flange_poses(columns: Sequence[str]) -> bool:
     """Whether columns are places and turns, as of a flange or tool."""
     names = {plain(split_unit(name)[0]) for name in columns}
     return {"x", "y", "z"} <= names and any(set(turns) <= names for turns in _TURNS)
