@@ -33,6 +33,7 @@ from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable, load_table
 
 MOUNTS = ("flange", "room")
+_OF_TOOL = 5  # parameters of the tool's row
 _AT = {"flange": "on the flange", "room": "in the room"}
 _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
@@ -344,7 +345,7 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
 
 
 def _settled_ball(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> CameraPoints:
-    """Places of a ball with the camera's mount, by fits of the arm, without those that stand out of all others.
+    """Places of a ball with the camera's mount, by the arm as its table has it, without those that are far off.
 
     Raises CalibError where the mount is not clear.
     """
@@ -352,7 +353,8 @@ def _settled_ball(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arra
     for name in MOUNTS if given.mount is None else (given.mount,):
         dataset = _to_fit(replace(given, mount=name), robot, ids, q, Scanner())
         with suppress(CalibError):
-            fits[name] = calibrate(dataset, residual="position", robust=True)
+            # Held, the links cannot bend to a wrong place.
+            fits[name] = calibrate(dataset, residual="position", robust=True, fixed=robot.parameter_names[:-_OF_TOOL])
     chi = {name: fit.fit.reduced_chi for name, fit in fits.items()}
     best = min(chi, key=lambda name: chi[name], default="")
     if not best or any(chi[name] < _FAR_MISFIT * chi[best] for name in chi if name != best):
@@ -362,10 +364,14 @@ def _settled_ball(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arra
             f"{told or 'none can be fitted'}); give --mount flange or --mount room, measure more poses, and check that "
             "joints and images belong together"
         )
-    far = set(fits[best].outliers)
-    notes = [f"pose {name} is left out: what its image shows is no ball where the arm has it" for name in sorted(far)]
+    train, errors_mm = fits[best].after.train, fits[best].outlier_errors_mm
+    far = {name: mm for name, mm in errors_mm.items() if train is not None and mm > _FAR_MISFIT * train.rmse_mm}
+    notes = [
+        f"pose {name} is left out: what its image shows is {mm:.3g} mm from where the arm has the ball"
+        for name, mm in far.items()
+    ]
     if given.mount is None:
-        notes.insert(0, f"the camera is {_AT[best]}, by fits of the arm")
+        notes.insert(0, f"the camera is {_AT[best]}, by the arm as its table has it")
     kept = np.array([name not in far for name in given.names])
     assert given.covariance is not None
     return replace(
