@@ -101,3 +101,26 @@ def test_a_photo_that_is_to_be_shown_turned_is_taken_as_the_sensor_saw_it(tmp_pa
     Image.open(path).save(photo, quality=95, exif=turned)
     errors = errors_px(board, scene, {**files, name: photo})
     assert max(np.abs(off).max() for off in errors) < 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("from_bottom", [False, pytest.param(True, marks=pytest.mark.thorough)])
+def test_grids_of_tags_that_are_turned_or_counted_from_the_bottom_are_seen_to_be_so(from_bottom, tmp_path):
+    """As AprilTag's own images are against OpenCV's, and Kalibr's grids."""
+    board, rng = board_of("apriltag:3x2:50:12"), np.random.default_rng(7)
+    scene = Scene.draw(rng, on_flange=True, poses=2)
+    size, step = 300, 372
+    drawing = np.full((step + size, 2 * step + size), 255, np.uint8)
+    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for number in range(6):
+        row, column = divmod(number, 3)
+        v, u = step * (1 - row if from_bottom else row), step * column
+        drawing[v : v + size, u : u + size] = cv2.aruco.generateImageMarker(tags, number, size)[::-1, ::-1]
+    drawing, size_mm = with_margin(drawing, board.size_mm, MARGIN_MM)
+    files = {name: tmp_path / f"{name}.png" for name in scene.names}
+    for k, path in enumerate(files.values()):
+        cv2.imwrite(str(path), scene.render(k, drawing, size_mm, rng, fine=1))
+    assert any("180°" in note and ("bottom" in note) == from_bottom for note in detect(files, board).notes)
+    errors = errors_px(board, scene, files)
+    assert len(errors) == 2
+    assert max(np.abs(off).max() for off in errors) < 0.3
