@@ -16,7 +16,7 @@ from calib.kinematics.chain import forward
 
 _MARGIN = 0.01  # of the image's width, within which nothing of the board lies
 _MORE_TILT_DEG = 5.0  # than at the measured poses
-_MOST_REFUSED = 0.1  # of the measured poses: whole boards were then not asked for
+_MOST_REFUSED = 0.2  # of the measured poses: whole boards were then not asked for
 _FEWEST = 5
 _ALONG_EDGES = np.linspace(-0.5, 0.5, 5)
 
@@ -57,7 +57,9 @@ class BoardInImage:
 
 
 def board_in_image(dataset: Dataset, setup: str) -> BoardInImage | None:
-    """Board and camera of a dataset as its own table has them; None without images, or where these show board's parts.
+    """Board and camera of a dataset as its own table has them; None without images, or where these show parts.
+
+    Where the board's rim was out of some images, all of its corners are to be seen.
 
     setup: which placement of the camera.
     """
@@ -69,11 +71,12 @@ def board_in_image(dataset: Dataset, setup: str) -> BoardInImage | None:
         return None
     flange = forward(robot.table, dataset.poses.q[points.pose], robot.is_revolute, robot.base_T_first).base_T_flange
     seen = frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
-    size_mm = board_of(camera.board).size_mm if camera.board else 2.0 * np.abs(camera.board_mm[:, :2]).max(axis=0)
-    x, y = (side.ravel() for side in np.meshgrid(_ALONG_EDGES, _ALONG_EDGES))
-    outline_mm = np.column_stack([x * size_mm[0], y * size_mm[1], np.zeros(len(x))])
-    found = BoardInImage(camera.lens, outline_mm, board_hand_eye(flange, seen, on_flange=robot.carries_scanner))
-    if np.mean(~found.shows_all(flange)) > _MOST_REFUSED:
-        return None
-    steepest = float(np.arccos(np.clip(found.cosines(flange).min(), -1.0, 1.0)))
-    return replace(found, least_cosine=float(np.cos(min(steepest + np.radians(_MORE_TILT_DEG), np.pi / 2))))
+    placed = board_hand_eye(flange, seen, on_flange=robot.carries_scanner)
+    inner_mm = 2.0 * np.abs(camera.board_mm[:, :2]).max(axis=0)
+    for size_mm in (board_of(camera.board).size_mm if camera.board else inner_mm, inner_mm):
+        x, y = (side.ravel() for side in np.meshgrid(_ALONG_EDGES * size_mm[0], _ALONG_EDGES * size_mm[1]))
+        found = BoardInImage(camera.lens, np.column_stack([x, y, np.zeros(len(x))]), placed)
+        if np.mean(~found.shows_all(flange)) <= _MOST_REFUSED:
+            steepest = float(np.arccos(np.clip(found.cosines(flange).min(), -1.0, 1.0)))
+            return replace(found, least_cosine=float(np.cos(min(steepest + np.radians(_MORE_TILT_DEG), np.pi / 2))))
+    return None
