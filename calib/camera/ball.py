@@ -188,9 +188,9 @@ def _refined(cv2: ModuleType, channel: Array, lens: Lens, radius_mm: float, star
             return f"shows something round of which {seen.mean():.0%} has an edge, {_LEAST_SEEN:.0%} is needed"
         by_middle = limb.by_middle(lens, radius_mm)
         kept = seen.copy()
-        step = np.zeros(3)
+        step: Array = np.zeros(3)
         for _ in range(8):
-            step = np.linalg.lstsq(by_middle[kept], off_px[kept], rcond=None)[0]
+            step = np.asarray(np.linalg.lstsq(by_middle[kept], off_px[kept], rcond=None)[0], dtype=np.float64)
             left = off_px - by_middle @ step
             rough = max(float(MAD_TO_SIGMA * np.median(np.abs(left[kept]))), 0.02)
             kept = seen & (np.abs(left) < _FAR * rough)

@@ -232,12 +232,11 @@ def _finder(
             known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
             raise CalibError(f"--dictionary {dictionary}: no such dictionary; there are {', '.join(known)}")
     tried = list(pictures.values())[:: max(1, len(pictures) // _TRIED)][:_TRIED]
+    if board.is_single:
+        return _single_marker(cv2, board, dictionary, names, tried)
     name, legacy, notes = _dictionary(cv2, board, dictionary, names, tried)
     if board.kind == "charuco":
         return _charuco_finder(cv2, board, name, legacy), notes
-    if board.is_single:
-        number, note = _marker_meant(cv2, name, tried)
-        return _marker_finder(cv2, board, name, number), (*notes, *note)
     finder = _marker_finder(cv2, board, name)
     order, note = _order_on_board(cv2, board, [finder(picture) for picture in tried])
     return (lambda picture: _renumbered(finder(picture), order)), (*notes, *note)
@@ -314,14 +313,13 @@ def _markers(cv2: ModuleType, name: str) -> Callable[[Array], list[tuple[int, Ar
 
 
 def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None = None) -> Finder:
-    """Finder of a grid of markers of a dictionary, or of one marker: with a number, or else the largest."""
+    """Finder of a grid of markers of a dictionary, or of one marker with a number."""
     markers = _markers(cv2, name)
 
     def finder(picture: Array) -> tuple[IndexArray, Array]:
         seen = markers(picture)
         if board.is_single:
-            seen = [(0, four) for one, four in seen if meant is None or one == meant]
-            seen = sorted(seen, key=lambda one: -_side_px(one[1]))[: 1 if meant is None else None]
+            seen = [(0, four) for one, four in seen if one == meant]
         seen = [(one, four) for one, four in seen if one < board.columns * board.rows]
         number = [4 * one + k for one, _ in seen for k in range(4)]
         if not number or len(number) != len(set(number)):  # several markers alike: which is meant is not known
@@ -331,21 +329,27 @@ def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None =
     return finder
 
 
-def _marker_meant(cv2: ModuleType, name: str, tried: Sequence[Array]) -> tuple[int | None, tuple[str, ...]]:
-    """Number of the single marker that most images show, the largest of several, and a note where there are others."""
-    markers = _markers(cv2, name)
-    sides: dict[int, list[float]] = {}
-    for picture in tried:
-        for number, four in markers(picture):
-            sides.setdefault(number, []).append(_side_px(four))
+def _single_marker(
+    cv2: ModuleType, board: Board, dictionary: str | None, names: Sequence[str], tried: Sequence[Array]
+) -> tuple[Finder, tuple[str, ...]]:
+    """Finder of the marker that is largest in most images, of any of some dictionaries, and notes on the choice."""
+    sides: dict[tuple[str, int], float] = {}
+    for name in names:
+        markers = _markers(cv2, name)
+        for picture in tried:
+            largest: dict[int, float] = {}
+            for number, four in markers(picture):
+                largest[number] = max(largest.get(number, 0.0), _side_px(four))
+            for number, side in largest.items():
+                sides[name, number] = sides.get((name, number), 0.0) + side
     if not sides:
-        return None, ()
-    meant = max(sides, key=lambda number: (len(sides[number]), float(np.median(sides[number]))))
-    others = len(sides) - 1
-    note = (
-        f"marker {meant} of DICT_{name} is taken, the largest of those that most images show; {others} others are not"
-    )
-    return meant, (note,) if others else ()
+        return _marker_finder(cv2, board, names[0]), ()
+    name, meant = max(sides, key=lambda one: sides[one])
+    notes = [f"{board.text}: its marker is of DICT_{name}, by the images"] if dictionary is None else []
+    others = sum(one == name for one, _ in sides) - 1
+    if others:
+        notes.append(f"{board.text}: it is marker {meant}, the largest in most images; {others} others are seen too")
+    return _marker_finder(cv2, board, name, meant), tuple(notes)
 
 
 def _side_px(four: Array) -> float:

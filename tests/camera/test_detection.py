@@ -124,3 +124,18 @@ def test_grids_of_tags_that_are_turned_or_counted_from_the_bottom_are_seen_to_be
     errors = errors_px(board, scene, files)
     assert len(errors) == 2
     assert max(np.abs(off).max() for off in errors) < 0.3
+
+
+@pytest.mark.slow
+def test_a_single_marker_is_told_from_smaller_ones_of_its_own_and_of_other_dictionaries(tmp_path):
+    board, scene, files = images_of("aruco:100", tmp_path, count=3)
+    for path in files.values():
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        for u, (name, number) in zip((20, 120, 220), (("4X4_50", 7), ("6X6_50", 3), ("5X5_50", 1)), strict=True):
+            tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+            picture[10:90, u - 10 : u + 70] = 255
+            picture[20:80, u : u + 60] = cv2.aruco.generateImageMarker(tags, number, 60)
+        cv2.imwrite(str(path), picture)
+    errors = errors_px(board, scene, files)
+    assert len(errors) == 3
+    assert max(np.abs(off).max() for off in errors) < 0.3
