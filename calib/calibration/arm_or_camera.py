@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -37,6 +38,7 @@ HYPOTHESES = ("neither", "arm", "camera", "both")
 _ARM_SHARES = np.geomspace(3e-3, 1.0, 9)  # of the tolerances of 1 mm and 0.5 deg
 _CAMERA_SHARES = np.geomspace(3e-3, 3.0, 9)  # of the sizes below
 _NOISE = (1.0, 1.4, 2.0)  # over the pixels' own, as corners of one image may be off together
+_SURELY, _SIGMAS = 0.9, 4.0  # probability, and sigmas of the board's size, beyond doubt
 _BOARD_SHARE = 0.01  # of the board's size
 _FOCAL_SHARE, _CENTRE_SHARE = 0.01, 0.01  # of the focal length; of the image's width
 _RADIAL, _TANGENTIAL = 0.05, 0.005
@@ -51,11 +53,23 @@ class ArmOrCamera(Brief):
     board_size_sigma: float
 
     @property
+    def board_is_off(self) -> bool:
+        """Whether the board's size is not the declared one, beyond doubt."""
+        sure = self.probabilities["camera"] + self.probabilities["both"] > _SURELY
+        return sure and abs(self.board_size - 1.0) > _SIGMAS * self.board_size_sigma
+
+    @property
+    def camera_alone_errs(self) -> bool:
+        """Whether lens or board err and the links do not, beyond doubt."""
+        return self.probabilities["camera"] > _SURELY
+
+    @property
     def likeliest(self) -> str:
         """The likeliest hypothesis."""
         return max(self.probabilities, key=lambda name: self.probabilities[name])
 
 
+@lru_cache(maxsize=4)  # text, document and verdict of one fit ask for it in turn
 def arm_or_camera(calibration: Calibration) -> ArmOrCamera | None:
     """Probabilities of arm, camera, both or neither; None where no images of a board were fitted as full poses."""
     views, points = calibration.dataset.camera, calibration.fitted_dataset.points

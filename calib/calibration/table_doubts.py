@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.calibration.arm_or_camera import arm_or_camera
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, combination, identifiable_combinations
 from calib.kinematics.robot import LENGTH_KINDS
@@ -49,8 +50,12 @@ def doubtful_entries(calibration: Calibration) -> tuple[DoubtfulEntry, ...]:
     """Lengths and twists of the robot's table that stand out as far from what a fit found, the furthest first.
 
     An entry counts if its deviation is known to five sigma, is eight times what links usually have, six times the
-    median of the arm's other entries, and, for lengths, five times the residual sigma.
+    median of the arm's other entries, and, for lengths, five times the residual sigma. None counts where a camera's
+    lens or board is wrong, which links take up.
     """
+    asked = arm_or_camera(calibration)
+    if asked is not None and (asked.board_is_off or asked.camera_alone_errs):
+        return ()
     known = _known_entries(calibration)
     out: list[DoubtfulEntry] = []
     for unit, usual, kinds in (("mm", USUAL_MM, LENGTH_KINDS), ("rad", USUAL_RAD, _TWIST_KINDS)):

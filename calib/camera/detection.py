@@ -31,6 +31,9 @@ _REFINED_OVER = 0.28  # of a square's side, half the window about a corner of a 
 _SETTLED = (3, 60, 1e-4)  # of cornerSubPix: at most 60 rounds, until a corner moves by less, pixels
 _FEW_SHOW = 0.3  # share of the images
 _TRIED = 6  # images in which dictionaries are compared
+_COMPARED_PX = 1600  # longest side of these
+_ORDERED_BY = 3  # markers of an image that tells their order on the board
+_OTHER_ORDER = 5.0  # ratio of misfits from which it is clear that it is not OpenCV's
 _DICTIONARIES = {
     "charuco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "APRILTAG_36h11", "ARUCO_MIP_36h12"),
     "aruco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "ARUCO_MIP_36h12"),
@@ -42,7 +45,7 @@ _MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
 _TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
 
 
-def _cv2() -> ModuleType:
+def opencv() -> ModuleType:
     """OpenCV. Raises CalibError where the extra is not installed."""
     try:
         import cv2
@@ -98,7 +101,7 @@ def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = No
 
     Raises CalibError where most images have no common size, or none shows the board.
     """
-    cv2 = _cv2()
+    cv2 = opencv()
     pictures, size_px, left_out = _pictures(cv2, images)
     finder, notes = _finder(cv2, board, dictionary, pictures)
     fewest = 4 if board.is_single else min(_FEWEST, len(board.corners_mm))
@@ -124,15 +127,11 @@ def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = No
 
 
 def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Array], tuple[int, int], dict[str, str]]:
-    """Grey images of the size that most have, that size, and why others are left out. Raises CalibError.
-
-    Pixels are taken as the sensor has them: how a program would turn them to be looked at says nothing of the camera.
-    """
-    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    """Grey images of the size that most have, that size, and why others are left out. Raises CalibError."""
     pictures: dict[str, Array] = {}
     left_out = {}
     for name, path in images.items():
-        picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), how) if path.stat().st_size else None
+        picture = picture_of(cv2, path, cv2.IMREAD_GRAYSCALE)
         if picture is None:
             left_out[path.name] = "cannot be read as an image"
         else:
@@ -154,6 +153,17 @@ def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Ar
             left_out[images[name].name] = f"has {width} x {height} pixels, most have {size_px[0]} x {size_px[1]}"
             del pictures[name]
     return pictures, size_px, left_out
+
+
+def picture_of(cv2: ModuleType, path: Path, how: int) -> Array | None:
+    """Image of a file, read as one of OpenCV's ways; None where it is none.
+
+    Pixels are taken as the sensor has them: how a program would turn them to be looked at says nothing of the camera.
+    """
+    if not path.stat().st_size:
+        return None
+    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), how | cv2.IMREAD_IGNORE_ORIENTATION)
+    return None if picture is None else np.asarray(picture)
 
 
 Finder = Callable[[Array], tuple[IndexArray, Array]]
@@ -222,61 +232,177 @@ def _finder(
             known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
             raise CalibError(f"--dictionary {dictionary}: no such dictionary; there are {', '.join(known)}")
     tried = list(pictures.values())[:: max(1, len(pictures) // _TRIED)][:_TRIED]
-    best, most, chosen = None, -1, ""
-    for name in names:
-        for legacy in (False, True) if board.kind == "charuco" and board.rows % 2 == 0 else (False,):
-            finder = _marker_finder(cv2, board, name, legacy)
-            count = sum(len(finder(picture)[0]) for picture in tried)
-            if count > most:
-                best, most = finder, count
-                chosen = f"DICT_{name}" + (", in the pattern that OpenCV had before 4.6" if legacy else "")
-    assert best is not None
-    note = (
-        f"{board.text}: its markers are of {chosen}, by the images" if dictionary is None or "before" in chosen else ""
-    )
-    return best, (note,) if note and most > 0 else ()
+    if board.is_single:
+        return _single_marker(cv2, board, dictionary, names, tried)
+    name, legacy, notes = _dictionary(cv2, board, dictionary, names, tried)
+    if board.kind == "charuco":
+        return _charuco_finder(cv2, board, name, legacy), notes
+    finder = _marker_finder(cv2, board, name)
+    order, note = _order_on_board(cv2, board, [finder(picture) for picture in tried])
+    return (lambda picture: _renumbered(finder(picture), order)), (*notes, *note)
+
+
+def _dictionary(
+    cv2: ModuleType, board: Board, dictionary: str | None, names: Sequence[str], tried: Sequence[Array]
+) -> tuple[str, bool, tuple[str, ...]]:
+    """Name of the dictionary by which most of the board is seen, whether in the old pattern, and notes on it."""
+    best, most = (names[0], False), 0
+    small = [_shrunk(cv2, picture) for picture in tried]
+    for pictures in (small, tried):
+        for name in names:
+            for legacy in (False, True) if board.kind == "charuco" and board.rows % 2 == 0 else (False,):
+                if board.kind == "charuco":
+                    finder = _charuco_finder(cv2, board, name, legacy)
+                else:
+                    finder = _marker_finder(cv2, board, name)
+                count = sum(len(finder(picture)[0]) for picture in pictures)
+                if count > most:
+                    best, most = (name, legacy), count
+        if most or all(one is other for one, other in zip(small, tried, strict=True)):
+            break
+    name, legacy = best
+    told = f"DICT_{name}" + (", in the pattern that OpenCV had before 4.6" if legacy else "")
+    note = f"{board.text}: its markers are of {told}, by the images" if dictionary is None or legacy else ""
+    return name, legacy, (note,) if note and most else ()
+
+
+def _shrunk(cv2: ModuleType, picture: Array) -> Array:
+    """An image in which dictionaries are compared: photos of many megapixels are made smaller."""
+    share = _COMPARED_PX / max(picture.shape)
+    return picture if share >= 1.0 else cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
 
 
 def _plain_name(dictionary: str) -> str:
     return dictionary.removeprefix("DICT_")
 
 
-def _marker_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> Finder:
-    """Finder of a board with markers of a dictionary."""
+def _charuco_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> Finder:
+    """Finder of a ChArUco board with markers of a dictionary."""
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
-    if board.kind == "charuco":
-        if board.columns * board.rows // 2 > len(markers.bytesList):
-            raise CalibError(f"--dictionary {name}: has {len(markers.bytesList)} markers, too few for {board.text}")
-        printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_mm, board.inner_mm, markers)
-        printed.setLegacyPattern(legacy)
-        charuco = cv2.aruco.CharucoDetector(printed)
+    if board.columns * board.rows // 2 > len(markers.bytesList):
+        raise CalibError(f"--dictionary {name}: has {len(markers.bytesList)} markers, too few for {board.text}")
+    printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_mm, board.inner_mm, markers)
+    printed.setLegacyPattern(legacy)
+    charuco = cv2.aruco.CharucoDetector(printed)
 
-        def of_charuco(picture: Array) -> tuple[IndexArray, Array]:
-            pixels, number, _, _ = charuco.detectBoard(picture)
-            if number is None or not len(number):
-                return _none()
-            return number.ravel().astype(np.int64), np.asarray(pixels, dtype=float).reshape(-1, 2)
+    def finder(picture: Array) -> tuple[IndexArray, Array]:
+        pixels, number, _, _ = charuco.detectBoard(picture)
+        if number is None or not len(number):
+            return _none()
+        return number.ravel().astype(np.int64), np.asarray(pixels, dtype=float).reshape(-1, 2)
 
-        return of_charuco
+    return finder
+
+
+def _markers(cv2: ModuleType, name: str) -> Callable[[Array], list[tuple[int, Array]]]:
+    """Function that finds the markers of a dictionary in an image: number and corners (4, 2), clockwise."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.ArucoDetector(markers, parameters)
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
 
-    def of_markers(picture: Array) -> tuple[IndexArray, Array]:
+    def markers(picture: Array) -> list[tuple[int, Array]]:
         corners, ids, _ = detector.detectMarkers(picture)
-        if ids is None:
-            return _none()
-        number, pixels = [], []
-        for four, one in zip(corners, ids.ravel().tolist(), strict=True):
-            place = 0 if board.is_single else one
-            if place < board.columns * board.rows:
-                number += [4 * place + k for k in range(4)]
-                pixels.append(refined_corners(cv2, picture, np.asarray(four, dtype=float).reshape(4, 2)))
-        if not number or (len(number) != len(set(number))):  # several markers alike: which is meant is not known
-            return _none()
-        return np.array(number, dtype=np.int64), np.concatenate(pixels)
+        numbers = [] if ids is None else ids.ravel().tolist()
+        return [
+            (number, np.asarray(four, dtype=float).reshape(4, 2))
+            for number, four in zip(numbers, corners, strict=False)
+        ]
 
-    return of_markers
+    return markers
+
+
+def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None = None) -> Finder:
+    """Finder of a grid of markers of a dictionary, or of one marker with a number."""
+    markers = _markers(cv2, name)
+
+    def finder(picture: Array) -> tuple[IndexArray, Array]:
+        seen = markers(picture)
+        if board.is_single:
+            seen = [(0, four) for one, four in seen if one == meant]
+        seen = [(one, four) for one, four in seen if one < board.columns * board.rows]
+        number = [4 * one + k for one, _ in seen for k in range(4)]
+        if not number or len(number) != len(set(number)):  # several markers alike: which is meant is not known
+            return _none()
+        return np.array(number), np.concatenate([refined_corners(cv2, picture, four) for _, four in seen])
+
+    return finder
+
+
+def _single_marker(
+    cv2: ModuleType, board: Board, dictionary: str | None, names: Sequence[str], tried: Sequence[Array]
+) -> tuple[Finder, tuple[str, ...]]:
+    """Finder of the marker that is largest in most images, of any of some dictionaries, and notes on the choice."""
+    sides: dict[tuple[str, int], float] = {}
+    for name in names:
+        markers = _markers(cv2, name)
+        for picture in tried:
+            largest: dict[int, float] = {}
+            for number, four in markers(picture):
+                largest[number] = max(largest.get(number, 0.0), _side_px(four))
+            for number, side in largest.items():
+                sides[name, number] = sides.get((name, number), 0.0) + side
+    if not sides:
+        return _marker_finder(cv2, board, names[0]), ()
+    name, meant = max(sides, key=lambda one: sides[one])
+    notes = [f"{board.text}: its marker is of DICT_{name}, by the images"] if dictionary is None else []
+    others = sum(one == name for one, _ in sides) - 1
+    if others:
+        notes.append(f"{board.text}: it is marker {meant}, the largest in most images; {others} others are seen too")
+    return _marker_finder(cv2, board, name, meant), tuple(notes)
+
+
+def _side_px(four: Array) -> float:
+    """Mean length of the sides of a marker's corners (4, 2), pixels."""
+    return float(np.mean(np.linalg.norm(four - np.roll(four, 1, axis=0), axis=1)))
+
+
+def _order_on_board(
+    cv2: ModuleType, board: Board, seen: Sequence[tuple[IndexArray, Array]]
+) -> tuple[IndexArray, tuple[str, ...]]:
+    """Number on the board (4 K,) of each corner of K markers, and a note where they are not as OpenCV prints a grid.
+
+    AprilTag's own images are turned by half a turn against OpenCV's, and Kalibr counts rows from the bottom. Corners
+    of a wrong order lie on no plane: a homography misses them by a good part of a marker's side.
+    """
+    usual = np.arange(4 * board.columns * board.rows)
+    views = [(number, pixels) for number, pixels in seen if len(number) >= 4 * _ORDERED_BY]
+    if not views:
+        return usual, ()
+    misfit, orders = {}, {}
+    rows, columns = np.divmod(usual // 4, board.columns)
+    for upwards in (False, True):
+        row = board.rows - 1 - rows if upwards else rows
+        for quarters in range(4):
+            order = 4 * (row * board.columns + columns) + (usual % 4 + quarters) % 4
+            orders[upwards, quarters] = order
+            misfit[upwards, quarters] = float(
+                np.median([_plane_misfit(cv2, board.corners_mm[order[number], :2], pixels) for number, pixels in views])
+            )
+    best = min(misfit, key=lambda one: misfit[one])
+    if misfit[False, 0] < _OTHER_ORDER * misfit[best]:
+        return usual, ()
+    upwards, quarters = best
+    words = ["the rows of its markers are counted from the bottom"] * upwards
+    words += [f"its markers are turned by {90 * quarters}° against OpenCV's"] * (quarters > 0)
+    return orders[best], (f"{board.text}: {' and '.join(words)}, by the images",)
+
+
+def _plane_misfit(cv2: ModuleType, board_mm: Array, pixels: Array) -> float:
+    """Root mean square by which a homography of the board's plane misses corners, in sides of a marker."""
+    matrix, _ = cv2.findHomography(board_mm, pixels, 0)
+    if matrix is None:
+        return float("inf")
+    missed = cv2.perspectiveTransform(board_mm[None], matrix)[0] - pixels
+    side = float(np.mean([_side_px(four) for four in pixels.reshape(-1, 4, 2)]))
+    return float(np.sqrt(np.mean(np.sum(missed**2, axis=1)))) / side
+
+
+def _renumbered(found: tuple[IndexArray, Array], order: IndexArray) -> tuple[IndexArray, Array]:
+    """Corners with the numbers that they have on the board, in their order."""
+    number = order[found[0]]
+    rows = np.argsort(number)
+    return number[rows], found[1][rows]
 
 
 def _checkerboard(cv2: ModuleType, board: Board) -> Finder:
@@ -326,13 +452,10 @@ class MeasuredViews:
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
-    cv2 = _cv2()
+    cv2 = opencv()
     width, height = detected.size_px
-    if given is not None and (given.width_px, given.height_px) != (width, height):
-        raise CalibError(
-            f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
-            f"{width} x {height}; calibrate the camera at this resolution, or leave them out"
-        )
+    if given is not None and given.size_px != (width, height):
+        raise wrong_resolution(given, detected.size_px, ", or leave them out")
     views, bad_corners = detected.views, 0
     lens, sigma_px, both = _lens_and_poses(cv2, detected, given)
     for _ in range(_ROUNDS):
@@ -359,6 +482,14 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     if not poses:
         raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
     return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners, sag_mm)
+
+
+def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "") -> CalibError:
+    """Error of a lens that is one of other images."""
+    return CalibError(
+        f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
+        f"{size_px[0]} x {size_px[1]}; calibrate the camera at this resolution{otherwise}"
+    )
 
 
 def _lens_and_poses(

@@ -15,10 +15,11 @@ import numpy as np
 from calib.array_types import Array
 from calib.planes.robust_fit import MAD_TO_SIGMA
 
-_ROUNDS = 3
+_REACHES = (0.08, 0.04, 0.025)  # across an edge in turn, of the marker's extent there, less than the black border
 _FROM_CORNERS = 0.12  # of a side, left out at its ends
-_REACH, _LEAST_REACH_PX = 0.08, 3.0  # across an edge: of a side, less than the black border; at least
-_MOST_REACH = 0.12  # of a side, where the least reach is more
+_LEAST_REACH_PX = 3.0
+_MOST_REACH = 0.12  # of the extent, where the least reach is more
+_LEAST_RISE = 0.3  # of the steepest rise across an edge: less is noise, or another edge
 _STEP_PX = 0.5
 _FEWEST = 5  # places along a side
 _LONG_PX = 150.0  # sides on which the lens shows
@@ -30,8 +31,8 @@ _MOST_MOVED = 0.15  # of a side: a corner that moves by more was none
 def refined_corners(cv2: ModuleType, picture: Array, corners_px: Array) -> Array:
     """Corners (4, 2) of a marker, clockwise in the image, where its edges meet; as given where no edges are found."""
     found = corners_px
-    for _ in range(_ROUNDS):
-        sides = [side for k in range(4) if (side := _edge(cv2, picture, found[k], found[(k + 1) % 4])) is not None]
+    for share in _REACHES:
+        sides = [side for k in range(4) if (side := _edge(cv2, picture, np.roll(found, -k, axis=0), share)) is not None]
         if len(sides) < 4:
             return corners_px
         found = np.array([_meeting(sides[k - 1], sides[k], found[k]) for k in range(4)])
@@ -39,22 +40,28 @@ def refined_corners(cv2: ModuleType, picture: Array, corners_px: Array) -> Array
     return corners_px if np.abs(found - corners_px).max() > _MOST_MOVED * size_px else found
 
 
-def _edge(cv2: ModuleType, picture: Array, start: Array, end: Array) -> tuple[Array, Array, Array] | None:
+def _edge(cv2: ModuleType, picture: Array, corners_px: Array, share: float) -> tuple[Array, Array, Array] | None:
     """A side as its start, its direction (2,), and a polynomial of the shift to the outside; None where none is seen.
 
-    The polynomial is of the way along the side, pixels, the highest power first.
+    The side is that between the first two corners (4, 2); the share is that of the marker's extent within which its
+    edge is sought. The polynomial is of the way along the side, pixels, the highest power first.
     """
+    start, end = corners_px[:2]
     length = float(np.linalg.norm(end - start))
     if length < 2 * _LEAST_REACH_PX:
         return None
     along = (end - start) / length
     outwards = np.array([along[1], -along[0]])  # clockwise, with v downwards
-    reach = min(max(_LEAST_REACH_PX, _REACH * length), _MOST_REACH * length)
+    extent = min(length, float(np.mean((start - corners_px[2:]) @ outwards)))  # of a tilted marker, the less
+    reach = min(max(_LEAST_REACH_PX, share * extent), _MOST_REACH * extent)
+    if reach < 2.0 * _STEP_PX:
+        return None
     way = np.linspace(_FROM_CORNERS, 1.0 - _FROM_CORNERS, max(2 * _FEWEST, int(length))) * length
     across = np.arange(-reach, reach + 0.5 * _STEP_PX, _STEP_PX)
     places = start + way[:, None, None] * along + across[None, :, None] * outwards
     seen = cv2.remap(picture, *np.moveaxis(places, -1, 0).astype(np.float32), cv2.INTER_LINEAR).astype(float)
-    rise = np.maximum(np.diff(seen, axis=1), 0.0) ** 2
+    rise = np.maximum(np.diff(seen, axis=1), 0.0)
+    rise = np.maximum(rise - _LEAST_RISE * rise.max(axis=1, keepdims=True), 0.0) ** 2
     total = rise.sum(axis=1)
     shift = rise @ (0.5 * (across[1:] + across[:-1])) / np.maximum(total, 1e-9)
     kept = (total > 0) & (np.abs(shift) < 0.8 * reach)

@@ -54,13 +54,18 @@ class ViewPose:
         return float(np.sum(self.error_px**2))
 
 
-def view_columns(numbers: Array, camera_T_board: Array, board_mm: Array) -> tuple[Array, Array, Array]:
-    """Predicted pixels (N, 2), and derivatives by the board's shift and turn (N, 2, 6) and by the lens (N, 2, 12)."""
+def pose_columns(numbers: Array, camera_T_board: Array, board_mm: Array) -> tuple[Array, Array]:
+    """Predicted pixels (N, 2), and derivatives by the board's shift and turn (N, 2, 6)."""
     about_mm = board_mm @ camera_T_board[:3, :3].T
     camera_mm = about_mm + camera_T_board[:3, 3]
     point = by_point(numbers, camera_mm)
-    pose = np.concatenate([point, -point @ frames.skew(about_mm)], axis=-1)
-    return project(numbers, camera_mm), pose, by_lens(numbers, camera_mm)
+    return project(numbers, camera_mm), np.concatenate([point, -point @ frames.skew(about_mm)], axis=-1)
+
+
+def view_columns(numbers: Array, camera_T_board: Array, board_mm: Array) -> tuple[Array, Array, Array]:
+    """Predicted pixels (N, 2), and derivatives by the board's shift and turn (N, 2, 6) and by the lens (N, 2, 12)."""
+    predicted, pose = pose_columns(numbers, camera_T_board, board_mm)
+    return predicted, pose, by_lens(numbers, board_mm @ camera_T_board[:3, :3].T + camera_T_board[:3, 3])
 
 
 def moved(camera_T_board: Array, motion: Array) -> Array:
@@ -72,7 +77,7 @@ def moved(camera_T_board: Array, motion: Array) -> Array:
 def pose_of_view(numbers: Array, view: View, start: Array) -> ViewPose:
     """Pose of the board with the least squared pixel errors, by damped Gauss-Newton from a start (4, 4)."""
     at, damping = start, 1e-6
-    predicted, columns, _ = view_columns(numbers, at, view.board_mm)
+    predicted, columns = pose_columns(numbers, at, view.board_mm)
     error = view.pixels - predicted
     for _ in range(_STEPS):
         flat = columns.reshape(-1, 6)
@@ -82,7 +87,7 @@ def pose_of_view(numbers: Array, view: View, start: Array) -> ViewPose:
         step = np.linalg.solve(shaped, flat.T @ error.ravel() / scale) / scale
         trial = moved(at, step)
         if np.all((view.board_mm @ trial[:3, :3].T + trial[:3, 3])[:, 2] > 0.0):
-            seen, changed, _ = view_columns(numbers, trial, view.board_mm)
+            seen, changed = pose_columns(numbers, trial, view.board_mm)
             if np.sum((view.pixels - seen) ** 2) <= np.sum(error**2) * (1.0 + 1e-12):
                 at, error, columns, damping = trial, view.pixels - seen, changed, damping * 0.1
                 if np.max(np.abs(step * scale)) < _SETTLED * (1.0 + float(np.linalg.norm(error))):

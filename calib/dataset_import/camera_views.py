@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.calibration.reprojection import full_pose_errors
-from calib.camera.board import board_of
+from calib.camera.ball import SeenBall, balls_in
+from calib.camera.board import Board, board_of
 from calib.camera.detection import Detected, MeasuredViews, detect, image_files, measure, natural
 from calib.camera.intrinsics import load_lens
 from calib.camera.marker_poses import load_marker_poses
@@ -31,6 +33,8 @@ from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable
 
 MOUNTS = ("flange", "room")
+_OF_TOOL = 5  # parameters of the tool's row
+_AT = {"flange": "on the flange", "room": "in the room"}
 _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
 _SURE = 6.0  # sigmas
@@ -85,7 +89,7 @@ class CameraPoints:
 
     names: tuple[str, ...]  # (M,) ids of poses
     camera_T_board: Array  # (M, 4, 4)
-    covariance: Array | None  # (M, 6, 6) mm and rad; None where it is not known
+    covariance: Array | None  # (M, 6, 6) mm and rad, of a ball (M, 3, 3); None where it is not known
     shared: Array | None  # (M, 6, K)
     views: CameraViews | None
     mount: str | None
@@ -93,6 +97,7 @@ class CameraPoints:
     point_sigma_mm: float | None = None
     orientation_sigma_deg: float | None = None  # with `point_sigma_mm`, estimated from what a fit leaves
     images: Mapping[str, Path] = field(default_factory=dict)  # the image of each pose that can be kept by its name
+    is_ball: bool = False  # which has no attitude: the camera's axes stand for it
 
     def points(self, ids: Sequence[str]) -> Points:
         """Measured points for poses with given ids."""
@@ -106,7 +111,7 @@ class CameraPoints:
         )
         return Points(
             row, self.camera_T_board[:, :3, 3], np.full(len(row), "jig"),
-            None if covariance is None else covariance[:, :3, :3], orientations,
+            None if covariance is None else covariance[:, :3, :3], None if self.is_ball else orientations,
             shared=None if self.shared is None or not self.shared.shape[2] else self.shared,
         )  # fmt: skip
 
@@ -117,24 +122,42 @@ class CameraPoints:
         return frame_csv(points_frame(poses, self.points(ids)))
 
 
-def ids_of(table: UserTable, mapping: Mapping[str, Meaning]) -> list[str]:
-    """Ids of the poses of a table's rows."""
-    meant = recognised(ImportReport(None), table, mapping, positions=False, joints=False)
+def ids_of(table: UserTable, mapping: Mapping[str, Meaning], robot: Robot | None = None) -> list[str]:
+    """Ids of the poses of a table's rows. Raises CalibError where it lacks joint values of a given robot."""
+    report = ImportReport(robot)
+    meant = recognised(report, table, mapping, positions=False)
+    report.raise_all()
     return pose_ids(ImportReport(None), table, meant)
 
 
-def camera_points(choice: CameraChoice, table: UserTable, mapping: Mapping[str, Meaning]) -> CameraPoints:
-    """Board poses by pose id, from images or marker poses and the table of the arm's poses. Raises CalibError."""
-    ids = ids_of(table, mapping)
+def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) -> CameraPoints:
+    """Board poses from images or marker poses, by the ids of the rows of the arm's table. Raises CalibError."""
     if choice.marker_poses is not None:
         return _of_marker_poses(choice, table, ids)
     assert choice.images is not None
     assert choice.board is not None
     board = board_of(choice.board)
+    if board.is_ball and choice.dictionary is not None:
+        raise CalibError(f"--dictionary {choice.dictionary}: a ball has no markers; leave it out")
+    if board.is_ball and choice.intrinsics is None:
+        raise CalibError(
+            f"--board {board.text}: how far away a ball is follows from its size in the image by a known lens; give it "
+            "by --intrinsics FILE, such as ROS's camera_info.yaml"
+        )
     lens = None if choice.intrinsics is None else load_lens(choice.intrinsics)
     images = image_files(choice.images)
     pose_of, notes = _poses_of_images(choice.images, images, table, ids)
     kept = {stem: path for stem, path in images.items() if stem in pose_of}
+    if board.is_ball:
+        assert lens is not None
+        seen, left_out = balls_in(kept, lens, 0.5 * board.square_mm)
+        told = _told_of_balls(choice, board, seen, left_out)
+        return CameraPoints(
+            tuple(pose_of[stem] for stem in seen),
+            frames.make_transform(np.eye(3), np.stack([ball.xyz_mm for ball in seen.values()])),
+            np.stack([ball.covariance for ball in seen.values()]),
+            None, None, choice.mount, (*notes, *told), is_ball=True,
+        )  # fmt: skip
     detected = detect(kept, board, choice.dictionary)
     measured = measure(detected, lens)
     told = _told(choice, detected, measured)
@@ -166,16 +189,36 @@ def _is_file_name(pose_id: str) -> bool:
     return re.fullmatch(r"[A-Za-z0-9][\w.+-]{0,99}", pose_id, re.ASCII) is not None
 
 
-def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> list[str]:
-    """Notes on what was seen, what was left out, and the lens."""
-    notes = list(detected.notes)
-    left_out = dict(detected.left_out) | dict(measured.left_out)
-    for name, reason in list(left_out.items())[:_MOST_NAMED]:
-        notes.append(f"image {name} is left out: {reason}")
+def _told_of_balls(
+    choice: CameraChoice, board: Board, seen: Mapping[str, SeenBall], left_out: Mapping[str, str]
+) -> list[str]:
+    """Notes on the balls that were seen, what was left out, and the lens."""
+    assert choice.intrinsics is not None
+    radius = np.array([ball.radius_px for ball in seen.values()])
+    sigma = np.sqrt([np.linalg.eigvalsh(ball.covariance) for ball in seen.values()])
+    across, along = np.median(sigma[:, 1]), np.median(sigma[:, 2])
+    return [
+        *_told_left_out(left_out),
+        f"{choice.images}: {len(seen)} images show {board.text}, with a radius of {radius.min():.0f} to "
+        f"{radius.max():.0f} pixels: its middle is known to {across:.2g} mm across the sight and to {along:.2g} mm "
+        "along it (standard deviations, medians)",
+        f"the lens is that of {choice.intrinsics.name}, taken as exact",
+    ]
+
+
+def _told_left_out(left_out: Mapping[str, str]) -> list[str]:
+    """Notes on images that are left out, by the names of files or poses."""
+    notes = [f"image {name} is left out: {reason}" for name, reason in list(left_out.items())[:_MOST_NAMED]]
     if len(left_out) > _MOST_NAMED:
         notes.append(
             f"{len(left_out) - _MOST_NAMED} more images are left out: {', '.join(list(left_out)[_MOST_NAMED:])}"
         )
+    return notes
+
+
+def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> list[str]:
+    """Notes on what was seen, what was left out, and the lens."""
+    notes = [*detected.notes, *_told_left_out({**detected.left_out, **measured.left_out})]
     corners = sum(len(one.view.corner) for one in measured.poses)
     notes.append(
         f"{choice.images}: {len(measured.poses)} images show {detected.board.text}, {corners} corners, "
@@ -269,7 +312,10 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     flange = forward(robot.table, q[row], robot.is_revolute, robot.base_T_first).base_T_flange
     notes, mount = list(given.notes), given.mount
     if len(row) < _FEWEST:
-        raise CalibError(f"the board is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
+        what = "ball" if given.is_ball else "board"
+        raise CalibError(f"the {what} is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
+    if given.is_ball:
+        return _settled_ball(given, robot, ids, q)
     both = {name: board_hand_eye(flange, given.camera_T_board, on_flange=name == "flange") for name in MOUNTS}
     if mount is None:
         best = min(MOUNTS, key=lambda name: both[name].rms_mm)
@@ -281,10 +327,9 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
                 "--mount flange or --mount room, and check that joints and images belong together"
             )
         mount = best
-        place = "on the flange" if mount == "flange" else "in the room"
         notes.append(
-            f"the camera is {place}: the arm misses the board by {both[mount].rms_mm:.3g} mm rms, and by "
-            f"{both[other].rms_mm:.3g} mm if it were {'in the room' if mount == 'flange' else 'on the flange'}"
+            f"the camera is {_AT[mount]}: the arm misses the board by {both[mount].rms_mm:.3g} mm rms, and by "
+            f"{both[other].rms_mm:.3g} mm if it were {_AT[other]}"
         )
     chosen = both[mount]
     _require_scale(chosen, given)
@@ -304,21 +349,61 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     return replace(given, mount=mount, notes=tuple(notes))
 
 
+def _settled_ball(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> CameraPoints:
+    """Places of a ball with the camera's mount, by the arm as its table has it, without those that are far off.
+
+    Raises CalibError where the mount is not clear.
+    """
+    fits = {}
+    for name in MOUNTS if given.mount is None else (given.mount,):
+        dataset = _to_fit(replace(given, mount=name), robot, ids, q, Scanner())
+        with suppress(CalibError):
+            # Held, the links cannot bend to a wrong place.
+            fits[name] = calibrate(dataset, residual="position", robust=True, fixed=robot.parameter_names[:-_OF_TOOL])
+    chi = {name: fit.fit.reduced_chi for name, fit in fits.items()}
+    best = min(chi, key=lambda name: chi[name], default="")
+    if not best or any(chi[name] < _FAR_MISFIT * chi[best] for name in chi if name != best):
+        told = ", ".join(f"{value:.3g} with the camera {_AT[name]}" for name, value in chi.items())
+        raise CalibError(
+            f"the {len(given.names)} places of the ball do not tell where the camera is (misfit over noise: "
+            f"{told or 'none can be fitted'}); give --mount flange or --mount room, measure more poses, and check that "
+            "joints and images belong together"
+        )
+    train, errors_mm = fits[best].after.train, fits[best].outlier_errors_mm
+    far = {name: mm for name, mm in errors_mm.items() if train is not None and mm > _FAR_MISFIT * train.rmse_mm}
+    notes = [
+        f"pose {name} is left out: what its image shows is {mm:.3g} mm from where the arm has the ball"
+        for name, mm in far.items()
+    ]
+    if given.mount is None:
+        notes.insert(0, f"the camera is {_AT[best]}, by the arm as its table has it")
+    kept = np.array([name not in far for name in given.names])
+    assert given.covariance is not None
+    return replace(
+        given, mount=best, notes=(*given.notes, *notes), camera_T_board=given.camera_T_board[kept],
+        covariance=given.covariance[kept], names=tuple(np.array(given.names)[kept].tolist()),
+    )  # fmt: skip
+
+
+def _to_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, scanner: Scanner) -> Dataset:
+    """Dataset of what the camera saw, all poses for training, for a fit by which the import judges it."""
+    robot = replace(robot, carries_scanner=given.mount == "flange")
+    count = len(ids)
+    role = np.array(["reference", *["train"] * (count - 1)])
+    poses = Poses(tuple(ids), role, q, np.full(count, ""), tuple(ids))
+    return Dataset("import", robot, poses, given.points(ids), scanner=scanner)
+
+
 def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> tuple[float, float] | None:
     """Sigmas per axis, mm and degrees, of what a fit of links, camera and board leaves; None where there is no fit.
 
     Places and attitudes weigh by the sigmas of the round before, and share the degrees of freedom by their numbers.
     """
-    robot = replace(robot, carries_scanner=given.mount == "flange")
-    count = len(ids)
-    role = np.array(["reference", *["train"] * (count - 1)])
-    poses = Poses(tuple(ids), role, q, np.full(count, ""), tuple(ids))
     sigmas = (given.point_sigma_mm or 1.0, given.orientation_sigma_deg or 1.0)
     for _ in range(_SIGMA_ROUNDS):
         scanner = Scanner(point_sigma_mm=sigmas[0], orientation_sigma_rad=float(np.radians(sigmas[1])))
-        dataset = Dataset("import", robot, poses, given.points(ids), scanner=scanner)
         try:
-            fitted = calibrate(dataset, residual="pose")
+            fitted = calibrate(_to_fit(given, robot, ids, q, scanner), residual="pose")
         except CalibError:
             return None
         errors = full_pose_errors(fitted)

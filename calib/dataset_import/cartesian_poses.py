@@ -10,15 +10,16 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.camera.documents import SUFFIXES
 from calib.camera.flange_poses import FlangePoses, has_flange_poses, readings_of
 from calib.camera.marker_poses import EASY_HANDEYE, MarkerPoses, load_flange_poses
-from calib.dataset_import.camera_views import MOUNTS, CameraPoints
+from calib.dataset_import.camera_views import MOUNTS, CameraChoice, CameraPoints
 from calib.dataset_import.columns import Meaning, recognise
 from calib.errors import CalibError
 from calib.kinematics.board_hand_eye import board_hand_eye
 from calib.kinematics.cartesian import cartesian_arm, joints_of_poses
 from calib.kinematics.robot import Robot
-from calib.text_files.user_table import UserTable
+from calib.text_files.user_table import UserTable, load_table
 
 _CLEAR = 3.0  # ratio of misfits from which one reading is clearly the right one
 _SAME_MM = 1e-3  # readings whose poses differ by less, 3D and over this many mm of a lever, are one
@@ -27,48 +28,61 @@ _NAMES = ("q1_mm", "q2_mm", "q3_mm", "q4_deg", "q5_deg", "q6_deg")
 
 
 @dataclass(frozen=True)
-class FlangeTable:
-    """A table of the arm's poses, a row each, and every reading of its flange poses."""
+class ArmTable:
+    """A table of the arm's poses, a row each: of joint values, or of the flange with every reading of its poses."""
 
     table: UserTable
-    readings: tuple[FlangePoses, ...]
+    readings: tuple[FlangePoses, ...] = ()  # () where it has joint values
     may_be_inverse: bool = False  # whether the program that wrote it inverts them where the camera stands in the room
 
 
-def flange_table(path: Path, unit: str | None) -> FlangeTable | None:
-    """Flange poses of a document of another program, for its rows named p1, p2, ...; None where it holds none."""
-    found = load_flange_poses(path, unit, beside=True)
-    return None if found is None else _of_document(path, found)
+def table_of_arm(
+    choice: CameraChoice, joints: Path | None, robot: Robot | None, mapping: Mapping[str, Meaning]
+) -> ArmTable:
+    """Table of the arm's poses at which a camera measured, from what the user gave. Raises CalibError.
 
-
-def named_flange_table(path: Path, unit: str | None, table: UserTable | None) -> FlangeTable:
-    """Flange poses of the file that a user names; `table` is its table where it is one. Raises CalibError."""
-    if table is not None:
-        return FlangeTable(table, tuple(readings_of(table)))
-    found = load_flange_poses(path, unit)
+    joints: the table of joint values, which may have poses of the flange in their place.
+    """
+    path = choice.flange_poses or joints
+    if path is None:
+        beside = choice.marker_poses
+        found = None if beside is None else load_flange_poses(beside, choice.length_unit, beside=True)
+        if beside is None or found is None:
+            raise CalibError(
+                "--images and --marker-poses need the arm's poses: --joints FILE.csv, the joint values of each, or "
+                "--flange-poses FILE, the poses of the flange as the controller tells them"
+            )
+        return _of_document(beside, found)
+    if path.suffix.lower() not in SUFFIXES:
+        table = load_table(path, lambda _: None, any_encoding=True)
+        if choice.flange_poses is not None or _has_no_joints(table, robot, mapping):
+            return ArmTable(table, tuple(readings_of(table)))
+        return ArmTable(table)
+    found = load_flange_poses(path, choice.length_unit) if choice.flange_poses is not None else None
     if found is None:
-        raise CalibError(f"{path}: holds no pose of the flange; poses of ROS, samples of a hand-eye tool, or a CSV")
+        raise CalibError(
+            f"{path}: holds no pose of the flange; --flange-poses takes poses of ROS, samples of a hand-eye tool, and "
+            "tables, --joints a table of joint values"
+        )
     return _of_document(path, found)
 
 
-def table_of_poses(table: UserTable, robot: Robot | None, mapping: Mapping[str, Meaning]) -> FlangeTable | None:
-    """Readings of a joints' table that has flange poses and no joints; None for any other."""
+def _has_no_joints(table: UserTable, robot: Robot | None, mapping: Mapping[str, Meaning]) -> bool:
+    """Whether a table of joint values has poses of the flange in their place."""
     if not has_flange_poses(table):
-        return None
-    found = recognise(table.columns, robot or cartesian_arm(""), mapping, None)
-    if any(name in found.columns for name in ("q1", "q2")):
-        return None
-    return FlangeTable(table, tuple(readings_of(table)))
+        return False
+    found = recognise(table.columns, robot, mapping)
+    return not any(name in found.columns for name in ("q1", "q2"))
 
 
-def _of_document(path: Path, found: MarkerPoses) -> FlangeTable:
+def _of_document(path: Path, found: MarkerPoses) -> ArmTable:
     ids = found.names or tuple(f"p{k + 1}" for k in range(len(found.camera_T_marker)))
     table = UserTable(path, ("pose",), tuple((one,) for one in ids), tuple(range(1, len(ids) + 1)), has_header=True)
-    return FlangeTable(table, (FlangePoses(found.camera_T_marker, found.note),), found.key == EASY_HANDEYE)
+    return ArmTable(table, (FlangePoses(found.camera_T_marker, found.note),), found.key == EASY_HANDEYE)
 
 
 def joints_table(
-    arm: FlangeTable, camera: CameraPoints, ids: Sequence[str], given: Robot | None
+    arm: ArmTable, camera: CameraPoints, ids: Sequence[str], given: Robot | None
 ) -> tuple[Robot, UserTable, list[str], list[str]]:
     """Arm and joints' table that stand for the poses of the flange, with notes and doubts.
 
@@ -78,9 +92,14 @@ def joints_table(
     """
     row = [list(ids).index(name) for name in camera.names]
     readings = list(arm.readings)
-    if camera.mount is not None:
+    if camera.mount is not None and not camera.is_ball:
         inverse = (replace(one, base_T_flange=frames.invert(one.base_T_flange)) for one in arm.readings)
         readings += [replace(one, form=f"{one.form}, of the base in the flange's frame") for one in inverse]
+    if camera.is_ball and len(readings) > 1:
+        raise CalibError(
+            f"{arm.table.path}: the attitudes may be meant in {len(readings)} ways, and a ball does not tell which; "
+            "name the columns rvec_x, rvec_y, rvec_z, or roll, pitch, yaw, or qw, qx, qy, qz, with their unit"
+        )
     mounts = MOUNTS if camera.mount is None else (camera.mount,)
     off_mm = []
     for one in readings:

@@ -254,14 +254,12 @@ def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[
 def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
     wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
     by_name = {plain(_VALUE.sub("", split_unit(name)[0])): name for name in names}
-    ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
-    if (
-        wanted
-        and len(set(wanted)) == len(wanted)
-        and all(len(found) == 1 for found in ends)
-        and min(map(len, wanted)) > 2
-    ):
-        return [found[0] for found in ends], []
+    if wanted and len(set(wanted)) == len(wanted):
+        if all(joint in by_name for joint in wanted):
+            return [by_name[joint] for joint in wanted], []
+        ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
+        if all(len(found) == 1 for found in ends) and min(map(len, wanted)) > 2:
+            return [found[0] for found in ends], []
     for series in _SERIES:
         if set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
             return [by_name[name] for name in series], []

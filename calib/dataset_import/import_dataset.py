@@ -9,12 +9,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from calib.camera.documents import SUFFIXES
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
 from calib.dataset_import.camera_views import CameraChoice, camera_points, ids_of
-from calib.dataset_import.cartesian_poses import flange_table, joints_table, named_flange_table, table_of_poses
+from calib.dataset_import.cartesian_poses import joints_table, table_of_arm
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.user_files import BOTH, POINTS, UserFiles, is_workbook, look_through, of_workbook
@@ -23,7 +22,6 @@ from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot, Vector
 from calib.robot_formats.conventions import RobotReading, robot_readings
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
-from calib.text_files.user_table import load_table
 
 
 @dataclass(frozen=True)
@@ -59,39 +57,27 @@ def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
         point_sigma_mm=choice.point_sigma_mm, place_sigma_mm=choice.place_sigma_mm,
         tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
     )  # fmt: skip
-    return plan_import(_with_camera(sources, choice) if choice.camera.is_given else sources)
+    return plan_import(_with_camera(sources, choice.camera) if choice.camera.is_given else sources)
 
 
-def _with_camera(sources: ImportSources, choice: ImportChoice) -> ImportSources:
-    """Sources with the board poses that a camera saw, and an arm that stands for poses of the flange where these are
-    given in place of joint values. Raises CalibError."""
-    asked, robot = choice.camera, sources.robots[0].robot.robot if sources.robots else None
-    path, arm = asked.flange_poses or sources.joints, None
-    if path is None and asked.marker_poses is not None:
-        arm = flange_table(asked.marker_poses, asked.length_unit)
-    if arm is None and path is None:
-        raise CalibError(
-            "--images and --marker-poses need the arm's poses: --joints FILE.csv, the joint values of each, or "
-            "--flange-poses FILE, the poses of the flange as the controller tells them"
-        )
-    table = arm.table if arm is not None else None
-    if path is not None and path.suffix.lower() not in SUFFIXES:
-        table = load_table(path, lambda _: None, any_encoding=True)
-    if path is not None and asked.flange_poses is not None:
-        arm = named_flange_table(path, asked.length_unit, table)
-    elif path is not None and table is not None:
-        arm = table_of_poses(table, robot, choice.mapping)
-    table = table if arm is None else arm.table
-    if table is None:
-        raise CalibError(f"{path}: no table of joint values, a CSV; poses of the flange go with --flange-poses")
-    camera = camera_points(asked, table, choice.mapping)
+def _with_camera(sources: ImportSources, choice: CameraChoice) -> ImportSources:
+    """Sources with the board poses that a camera saw. Raises CalibError.
+
+    Where poses of the flange are given in place of joint values, an arm that stands for them comes with them.
+    """
+    if sources.faults:
+        raise CalibError(sources.faults[0])
+    robot = sources.robots[0].robot.robot if sources.robots else None
+    arm = table_of_arm(choice, sources.joints, robot, sources.mapping)
+    ids = ids_of(arm.table, sources.mapping, None if arm.readings else robot)
+    camera = camera_points(choice, arm.table, ids)
     sources = replace(sources, points=None, camera=camera)
-    if arm is None:
+    if not arm.readings:
         return sources
-    stands_for, joints, notes, doubts = joints_table(arm, camera, ids_of(table, choice.mapping), robot)
+    stands_for, joints, notes, doubts = joints_table(arm, camera, ids, robot)
     return replace(
-        sources, robots=(RobotReading("", RobotFile(stands_for, None)),), joints=table.path,
-        tables={table.path: joints}, notes=(*sources.notes, *notes), doubts=(*sources.doubts, *doubts),
+        sources, robots=(RobotReading("", RobotFile(stands_for, None)),), joints=arm.table.path,
+        tables={arm.table.path: joints}, notes=(*sources.notes, *notes), doubts=(*sources.doubts, *doubts),
     )  # fmt: skip
 
 

@@ -333,23 +333,23 @@ def _with_numbers(
     if length_column(of_points) is not None:
         measured = np.isin(np.arange(len(ids)), row_of)
     _compare_with_controller(report, table, q)
-    if sources.camera is not None:
-        measured = np.isin(ids, sources.camera.names)
+    camera = sources.camera
+    if camera is not None and not report.faults:
+        try:
+            camera = settled_camera(camera, report.robot, ids, q)
+            report.notes += camera.notes[len(_camera_notes(sources)) :]
+        except CalibError as error:
+            report.fault(str(error))
+            return _plan(report, sources, columns, None, len(table), robot_file)
+    if camera is not None:
+        measured = np.isin(ids, camera.names)
     poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
     of_lengths = None
     if length_column(of_points) is not None:
         of_lengths = lengths_text(report, other or table, of_points, [(i, ids[row]) for i, row in enumerate(row_of)])
     if report.faults:
         return _plan(report, sources, columns, None, len(table), robot_file)
-    camera, points_csv = sources.camera, of_lengths
-    if camera is not None:
-        try:
-            camera = settled_camera(camera, report.robot, ids, q)
-            report.notes += camera.notes[len(_camera_notes(sources)) :]
-            points_csv = camera.points_text(ids)
-        except CalibError as error:
-            report.fault(str(error))
-            return _plan(report, sources, columns, None, len(table), robot_file)
+    points_csv = of_lengths if camera is None else camera.points_text(ids)
     if seen is not None:
         points_csv = points_text(other or table, of_points, [ids[i] for i in row_of], seen)
     if points_csv is None and sources.point_sigma_mm is not None:

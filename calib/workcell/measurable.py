@@ -112,7 +112,15 @@ def _beyond_limit(at: _ArmPoses) -> BoolArray:
 
 
 def _outside_field(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether the apex is outside the scanner's field; None where the field is not known."""
+    """(N,) whether apex or board is outside the scanner's field; None where the field is not known."""
+    outside = _target_outside_field(at)
+    if at.cell.board is None:
+        return outside
+    cut = ~at.cell.board.shows_all(at.chain.base_T_flange)
+    return cut if outside is None else cut | outside
+
+
+def _target_outside_field(at: _ArmPoses) -> BoolArray | None:
     if at.cell.field is None:
         return None
     if at.cell.room_target is not None:
@@ -126,6 +134,8 @@ def _outside_field(at: _ArmPoses) -> BoolArray | None:
 
 def _too_steep(at: _ArmPoses) -> BoolArray | None:
     """(N,) whether a face is seen at too large an incidence; None where the scanner's place or the jig is not known."""
+    if at.cell.board is not None:
+        return np.asarray(at.cell.board.cosines(at.chain.base_T_flange) < at.cell.board.least_cosine)
     if at.cell.room_target is not None and at.eye_mm is not None:
         return ~at.cell.room_target.sees(at.eye_mm)
     if at.eye_mm is None or at.cell.jig is None or at.cell.field is None:

@@ -14,6 +14,7 @@ from calib.dataset.dataset import Box
 from calib.jig import Jig
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot
+from calib.workcell.board_in_image import BoardInImage
 from calib.workcell.bodies.arm_bodies import ArmBodies
 from calib.workcell.scan_field import BoxField, ScanField
 from calib.workcell.view_of_target import RoomTarget
@@ -37,6 +38,7 @@ class Workcell:
     notes: tuple[str, ...] = ()  # what was assumed or measured, a sentence each
     flange_T_scanner: Array | None = None  # (4, 4) where the arm carries the scanner
     room_target: RoomTarget | None = None  # what a carried scanner looks at
+    board: BoardInImage | None = None  # what a camera looks at
 
     def scanner_at(self, chain: Chain) -> Array | None:
         """base_T_scanner (N, 4, 4) at N poses of the arm; None where it is not known."""

@@ -101,3 +101,41 @@ def test_a_photo_that_is_to_be_shown_turned_is_taken_as_the_sensor_saw_it(tmp_pa
     Image.open(path).save(photo, quality=95, exif=turned)
     errors = errors_px(board, scene, {**files, name: photo})
     assert max(np.abs(off).max() for off in errors) < 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("from_bottom", [False, pytest.param(True, marks=pytest.mark.thorough)])
+def test_grids_of_tags_that_are_turned_or_counted_from_the_bottom_are_seen_to_be_so(from_bottom, tmp_path):
+    """As AprilTag's own images are against OpenCV's, and Kalibr's grids."""
+    board, rng = board_of("apriltag:3x2:50:12"), np.random.default_rng(7)
+    scene = Scene.draw(rng, on_flange=True, poses=2)
+    size, step = 300, 372
+    drawing = np.full((step + size, 2 * step + size), 255, np.uint8)
+    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for number in range(6):
+        row, column = divmod(number, 3)
+        v, u = step * (1 - row if from_bottom else row), step * column
+        drawing[v : v + size, u : u + size] = cv2.aruco.generateImageMarker(tags, number, size)[::-1, ::-1]
+    drawing, size_mm = with_margin(drawing, board.size_mm, MARGIN_MM)
+    files = {name: tmp_path / f"{name}.png" for name in scene.names}
+    for k, path in enumerate(files.values()):
+        cv2.imwrite(str(path), scene.render(k, drawing, size_mm, rng, fine=1))
+    assert any("180°" in note and ("bottom" in note) == from_bottom for note in detect(files, board).notes)
+    errors = errors_px(board, scene, files)
+    assert len(errors) == 2
+    assert max(np.abs(off).max() for off in errors) < 0.3
+
+
+@pytest.mark.slow
+def test_a_single_marker_is_told_from_smaller_ones_of_its_own_and_of_other_dictionaries(tmp_path):
+    board, scene, files = images_of("aruco:100", tmp_path, count=3)
+    for path in files.values():
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        for u, (name, number) in zip((20, 120, 220), (("4X4_50", 7), ("6X6_50", 3), ("5X5_50", 1)), strict=True):
+            tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+            picture[10:90, u - 10 : u + 70] = 255
+            picture[20:80, u : u + 60] = cv2.aruco.generateImageMarker(tags, number, 60)
+        cv2.imwrite(str(path), picture)
+    errors = errors_px(board, scene, files)
+    assert len(errors) == 3
+    assert max(np.abs(off).max() for off in errors) < 0.3

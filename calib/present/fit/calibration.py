@@ -226,9 +226,14 @@ def arm_or_camera_words(asked: ArmOrCamera) -> str:
     """Clause on how likely it is that the arm errs, the camera, both or neither."""
     ordered = sorted(asked.probabilities.items(), key=lambda one: -one[1])
     said = [f"{_WRONG[name]}: {numbers.probability(p)}" for name, p in ordered if p >= _HARDLY or name == ordered[0][0]]
+    told = asked.likeliest in ("camera", "both") and abs(asked.board_size - 1.0) > 2.0 * asked.board_size_sigma
+    return "; ".join([*said, *([f"the board is {_board_size_words(asked)}"] if told else [])])
+
+
+def _board_size_words(asked: ArmOrCamera) -> str:
+    """By how much a board is larger or smaller, such as "0.98 ± 0.12 % larger than it was told"."""
     off, sigma = 100.0 * (asked.board_size - 1.0), 100.0 * asked.board_size_sigma
-    size = f"; the board is {numbers.signed(off, '.2f')} ± {sigma:.2f} % of the size that was told larger"
-    return "; ".join(said) + (size if asked.likeliest in ("camera", "both") and abs(off) > 2.0 * sigma else "")
+    return f"{abs(off):.2f} ± {sigma:.2f} % {'larger' if off > 0.0 else 'smaller'} than it was told"
 
 
 _HARDLY = 0.005  # probability below which a hypothesis is not told
@@ -319,8 +324,25 @@ def tool_shift_sentence(shift: ToolShift) -> str:
 
 
 def table_doubts(calibration: Calibration) -> list[str]:
-    """Sentences on entries of robot.toml that the fit moved much further than links usually are off."""
-    return list(map(table_doubt, doubtful_entries(calibration)))
+    """Sentences on a camera's lens or board that the links took up, or on entries of robot.toml that are far off."""
+    asked = arm_or_camera(calibration)
+    camera = [] if asked is None else camera_doubts(asked)
+    return camera or list(map(table_doubt, doubtful_entries(calibration)))
+
+
+def camera_doubts(asked: ArmOrCamera) -> list[str]:
+    """Sentence on a board or lens that is not as it was told, without capital; [] where it may be."""
+    taken_up = "which the fitted links take up: take neither them nor distances from this fit"
+    if asked.board_is_off:
+        return [
+            f"by arm and images the board is {_board_size_words(asked)}, {taken_up}; measure it and import it again."
+        ]
+    if asked.camera_alone_errs:
+        return [
+            f"the camera's side errs, not the arm (probability {asked.probabilities['camera']:.2g}): its lens or the "
+            f"board is not as it was told, {taken_up}; import without --intrinsics, or with those of this camera."
+        ]
+    return []
 
 
 def table_doubt(entry: DoubtfulEntry) -> str:
