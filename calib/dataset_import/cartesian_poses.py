@@ -24,6 +24,7 @@ from calib.text_files.user_table import UserTable, load_table
 _CLEAR = 3.0  # ratio of misfits from which one reading is clearly the right one
 _SAME_MM = 1e-3  # readings whose poses differ by less, 3D and over this many mm of a lever, are one
 _LEVER_MM = 1000.0
+_FEWEST_JOINTS = 5
 _NAMES = ("q1_mm", "q2_mm", "q3_mm", "q4_deg", "q5_deg", "q6_deg")
 
 
@@ -72,7 +73,8 @@ def _has_no_joints(table: UserTable, robot: Robot | None, mapping: Mapping[str, 
     if not has_flange_poses(table):
         return False
     found = recognise(table.columns, robot, mapping)
-    return not any(name in found.columns for name in ("q1", "q2"))
+    count = _FEWEST_JOINTS if robot is None else robot.n_joints  # q1 ... q4 alone may be a quaternion
+    return not all(f"q{k + 1}" in found.columns for k in range(count))
 
 
 def _of_document(path: Path, found: MarkerPoses) -> ArmTable:
