@@ -11,6 +11,7 @@ with the tool less than 0.3 m above it, where the sockets lie.
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
@@ -18,6 +19,8 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from calib import calibrate, load_dataset
 from calib.array_types import Array
