@@ -90,7 +90,7 @@ def changed(name: str, old: bytes, new: bytes) -> Callable[[Files], Files]:
         (lambda files: files | {"calib/removed_long_ago.py": b""}, "has .*removed_long_ago"),
         (lambda files: files | {"sample_data/ur10_ipa/points.csv": b""}, "has .*ur10_ipa"),
         (changed("client/page.js", b"inspector", b"inspect"), "others than here: .*page.js"),
-        (changed("METADATA", b"Version: 0", b"Version: 9"), "metadata say"),
+        (changed("METADATA", b"\nVersion: ", b"\nVersion: 9"), "metadata say"),
         (changed("METADATA", b"Provides-Extra: page\n", b""), "other extras"),
         (changed("entry_points.txt", b"command", b"main"), "entry point"),
         (changed("licenses/LICENSE", b"MIT", b"GPL"), "another licence"),

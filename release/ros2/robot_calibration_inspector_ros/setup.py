@@ -6,13 +6,13 @@ NAME = "robot_calibration_inspector_ros"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="1.0.0",
     packages=[NAME],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", ["launch/page.launch.py"]),
     ],
-    install_requires=["setuptools", "robot-calibration-inspector[page,logs,xacro]==0.1.0"],
+    install_requires=["setuptools", "robot-calibration-inspector[page,logs,xacro]==1.0.0"],
     entry_points={"console_scripts": [f"inspector = {NAME}.run:command"]},
 )

@@ -29,7 +29,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An installation such as pip makes of the wheel: share/ beside lib/, told by the distribution's RECORD."""
     lib = tmp_path / "env/lib/python3/site-packages"
-    record = lib / "robot_calibration_inspector-0.1.0.dist-info/RECORD"
+    record = lib / "robot_calibration_inspector-1.0.0.dist-info/RECORD"
     record.parent.mkdir(parents=True)
     below = Path("share/robot-calibration-inspector/sample_data/hidden_effect_b")
     shutil.copytree(SAMPLE_DATA / "hidden_effect_b", tmp_path / "env" / below)
