@@ -73,8 +73,7 @@ def with_common_bows(corners: Mapping[str, Corner], jig: Jig) -> tuple[dict[str,
 
     It makes no difference whether bows or angles are already held in the corners.
     """
-    result = {name: (corner.free or corner) for name, corner in corners.items()}
-    result = {name: corner.flat or corner for name, corner in result.items()}
+    result = {name: corner.as_fitted for name, corner in corners.items()}
     known = {name: corner.bows for name, corner in result.items() if corner.bows is not None}
     if sum(bows.shown for bows in known.values()) < _SHOWN * len(result):
         return result, None

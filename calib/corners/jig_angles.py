@@ -149,7 +149,7 @@ def with_common_angles(corners: Mapping[str, Corner], jig: Jig) -> tuple[dict[st
 
     It makes no difference whether angles are already held in the corners. None where there is no corner.
     """
-    result = {name: corner.free or corner for name, corner in corners.items()}
+    result = {name: corner.without_held_angles for name, corner in corners.items()}
     if not result:
         return result, None
     names = list(result)

@@ -84,7 +84,7 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
     w changes s_k by -(R m x e_k) . w. Under certified angles the covariance has rank 3; the weight is its
     pseudo-inverse.
     """
-    free = corner.free or corner  # held angles would count twice
+    free = corner.without_held_angles  # these would count twice
     normals = np.array([free.faces[i].normal for i in order])
     axes = np.array([free.faces[i].axes for i in order])  # (3, 2, 3)
     slopes = np.array([[3 * i + 1, 3 * i + 2] for i in order]).ravel()
