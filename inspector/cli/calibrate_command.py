@@ -84,7 +84,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     ]  # fmt: skip
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
     templates = _templates(options, dataset)
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset = measured(dataset, options.residual)
     arm_type = None if options.type is None else load_type(options.type, dataset.robot)
     began = None if arm_type is None else _from_type(options, dataset, arm_type)
     steps = _steps(options, dataset) if began is None else (first_step(began.calibration),)

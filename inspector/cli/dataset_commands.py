@@ -133,11 +133,11 @@ def without(dataset: Dataset) -> list[str]:
     return [f"left out: {', '.join(dataset.left_out)}"] if dataset.left_out else []
 
 
-def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
-    """Dataset with points (found in its scans if it has none), and with the jig's orientation on request."""
+def measured(dataset: Dataset, residual: str = "distance") -> Dataset:
+    """Dataset with points as a residual requires them, found in its scans if it has none."""
     if dataset.points is not None:
         return dataset
-    return with_corners(dataset, searched(dataset), orientation=orientation)
+    return with_corners(dataset, searched(dataset), orientation=residual == "pose")
 
 
 def searched(dataset: Dataset) -> dict[str, CornerSearch]:
