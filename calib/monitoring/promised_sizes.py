@@ -57,18 +57,15 @@ class PromisedSize:
     rival: Key | None  # what is named in its place or said to be as likely, at sizes somewhat below `alone`
 
 
-def promised_sizes(
-    base: Calibration, check: Dataset, keys: Sequence[Key], *, scanner_moved: bool = False
-) -> tuple[PromisedSize, ...]:
-    """Sizes of changes that a check will find and name, each beside all rivals.
+def promised_sizes(base: Calibration, check: Dataset, keys: Sequence[Key]) -> tuple[PromisedSize, ...]:
+    """Sizes of changes that a check will find and name, each beside all rivals; the scanner stands where it stood.
 
     Args:
         base: the earlier calibration.
         check: check poses with points as predicted; their errors do not count.
         keys: `ChangeModel.key` of the changes asked about.
-        scanner_moved: whether the scanner will be set up anew.
     """
-    cell = CellTests.of(base, check, scanner_moved=scanner_moved)
+    cell = CellTests.of(base, check, scanner_moved=False)
     judge = _Judge.of(cell, np.random.default_rng(0))
     by_key = {model.key: model for model in cell.models}
     return tuple(_promised(judge, by_key[key]) for key in keys if key in by_key)

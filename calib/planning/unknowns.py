@@ -158,7 +158,6 @@ def unknowns_of_robot(
     effects: Sequence[Effect] = (),
     tolerances: Mapping[str, float] | None = None,
     fixed: Sequence[str] = (),
-    setup: str = "",
 ) -> Unknowns:
     """Unknowns of an arm that was never measured: its table within tolerances, the scanner's frame unknown."""
     if not 0.0 < noise_mm < np.inf:
@@ -167,7 +166,7 @@ def unknowns_of_robot(
     return _before_measuring(
         model,
         np.zeros(len(model.parameters)),
-        {setup: frames.invert(base_T_scanner)},
+        {"": frames.invert(base_T_scanner)},
         covariance_mm2=noise_mm**2 * np.eye(3),
         targets=("jig",),
         noise_shape=None,

@@ -86,7 +86,7 @@ def law_columns(projected: ProjectedResidual, besides: Collection[str] = ()) -> 
 
 
 @one_blas_thread()
-def search_laws(projected: ProjectedResidual, most: int = MOST_LAWS) -> FoundLaws | None:
+def search_laws(projected: ProjectedResidual) -> FoundLaws | None:
     """Laws that the residual supports, found one after the other; None where there are none."""
     tried = law_columns(projected)
     if not tried.forms:
@@ -100,7 +100,7 @@ def search_laws(projected: ProjectedResidual, most: int = MOST_LAWS) -> FoundLaw
     price = float(np.log(len(blocks)))
     chosen: list[int] = []
     picked: list[tuple[float, tuple[LawForm, ...]]] = []
-    for _ in range(most):
+    for _ in range(MOST_LAWS):
         gains = evidence.gains_of(spectrum, further)
         order = sorted(range(len(gains)), key=lambda k: -gains[k][0])
         best = order[0]

@@ -23,7 +23,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.lazy_modules import spatial
 from calib.planes.robust_fit import TUKEY
-from calib.targets.spheres.sphere_noise import NoiseGrowth, growth_of, patch_factor
+from calib.targets.spheres.sphere_noise import LEAST_SIGMA_MM, NoiseGrowth, growth_of, patch_factor
 
 _ROUNDS = 18
 _SETTLED = 1e-3  # of the centre's own sigma
@@ -36,7 +36,6 @@ _TYPICAL_BLUR = 0.25  # squared distances between neighbouring points: variance 
 _LEAST_COSINE = 0.2
 _BAND_SIGMA = 12.0
 _FEWEST_POINTS = 12
-_LEAST_SIGMA_MM = 1e-6  # of a scan without noise
 _NEIGHBOURS = 12
 _MOST_OFF = 0.34  # share of the points about a place of the surface that may lie off it
 _SHELL = 0.25  # of the radius: how far off the surface points are looked at for that
@@ -88,7 +87,7 @@ def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixe
     local = points[near]
     most_sine = np.sin(np.radians(_MOST_INCIDENCE_DEG))
     clear: BoolArray = np.ones(len(near), dtype=bool)
-    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, _LEAST_SIGMA_MM), np.zeros(2))
+    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, LEAST_SIGMA_MM), np.zeros(2))
     pixel = blur_mm2 = 0.0
     blurred = False
     for turn in range(_ROUNDS):
@@ -114,7 +113,7 @@ def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixe
             on &= sine < most_sine
             if np.count_nonzero(on) < _FEWEST_POINTS:
                 return None
-        growth = growth_of(over[on], sine[on], _LEAST_SIGMA_MM)
+        growth = growth_of(over[on], sine[on])
         sigma = growth.sigma(sine[on])
         weight = np.clip(1 - (over[on] / (TUKEY * sigma)) ** 2, 0, None) ** 2
         free = [] if fixed else [np.ones(np.count_nonzero(on))]

@@ -12,7 +12,6 @@ from calib.calibration.pose_errors import PoseErrors, pose_errors_of, running_me
 from calib.calibration.reprojection import reprojected_views
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
 from calib.diagnosis.effect_selection import FitStep, candidate_of
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
@@ -239,7 +238,7 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
     candidates = diagnosis.screenings[step].candidates
     drawn = evidence_plots.evidence_bars(
         [c.name for c in candidates], [c.log_evidence for c in candidates],
-        [c.name in diagnosis.missing for c in candidates], MIN_LOG_EVIDENCE,
+        [c.name in diagnosis.missing for c in candidates],
     )  # fmt: skip
     return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}", dark=dark)
 

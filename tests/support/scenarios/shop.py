@@ -198,9 +198,7 @@ def session(
     return Shop(arm, nominal if told is None else told, visit, points_mm, columns, sigma_mm, rng)
 
 
-def in_sockets(
-    seed: int, *, sigma_mm: float = 0.1, postures: int = 6, places: int = 4, seat_mm: float = 0.0
-) -> Shop:
+def in_sockets(seed: int, *, sigma_mm: float = 0.1, postures: int = 6, places: int = 4, seat_mm: float = 0.0) -> Shop:
     """A session without an instrument: the ball in four sockets of a printed plate, which lay at up to four places.
 
     sigma_mm  # of each socket's place on the plate, the same at every visit; seat_mm  # of how the ball sits at each
