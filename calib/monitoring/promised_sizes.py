@@ -119,14 +119,14 @@ def _drawn(count: int) -> Array:
 class _Levels:
     """Tests of one kind at once: bases side by side, and the weighted p-values that pass levels over all of them."""
 
-    tests: tuple[ChangeTest, ...]
+    tests: tuple[ChangeTest[ChangeModel], ...]
     basis: Array  # (3 M, sum K)
     starts: IndexArray  # (T,) first column of each test
     counts: Array  # (T,) K of each
     noise_dof: float
 
     @classmethod
-    def of(cls, tests: Sequence[ChangeTest], noise_dof: float) -> _Levels:
+    def of(cls, tests: Sequence[ChangeTest[ChangeModel]], noise_dof: float) -> _Levels:
         counts = np.array([test.basis.shape[1] for test in tests])
         basis = np.concatenate([test.basis for test in tests], axis=1)
         return cls(tuple(tests), basis, np.cumsum([0, *counts[:-1]]), counts, min(noise_dof, 1e9))
