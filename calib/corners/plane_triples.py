@@ -253,7 +253,7 @@ class Planes:
         return replace(self._best(triples), mirrored=share)
 
     def _mirrored(self, faces: Sequence[_Face], normals: Array) -> BoolArray:
-        """(V,) mask of the points that a concave jig's shiny faces put behind one of them.
+        """Mask (V,) of the points that a concave jig's shiny faces put behind one of them.
 
         A ray that a face reflects meets another face, and its point is measured as far along the ray: at the mirror
         image of that other face in the first. Mirrored back in the planes that it is behind, it lies in the face.

@@ -249,11 +249,11 @@ def _doubt(loads: Sequence[MeasuredLoad]) -> str:
 
 
 def _note(columns: str, loads: Sequence[MeasuredLoad], doubtful: Sequence[MeasuredLoad]) -> str:
-    """Sentence that says which torques are used, how noisy those are that `_doubt` leaves, and what is done about it."""
+    """Sentence on the torques that are used, the noise of those that `_doubt` leaves, and what is done about it."""
     several = len(loads) > 1
     joints = _listed([str(load.joint + 1) for load in loads])
     of = "drive's, which holds the load" if loads[0].sign < 0.0 else "load's own"
-    sources = dict.fromkeys(load.sigma_from for load in loads)
+    of_noise = f"noise by {_listed(list(dict.fromkeys(load.sigma_from for load in loads)))}"
     each = [
         f"joint {load.joint + 1}: weight explains {100.0 * load.explained:.3g} %, noise {load.sigma_nm:.2g} Nm, "
         f"{100.0 * load.trust:.0f} % of the rest is taken as load"
@@ -263,7 +263,7 @@ def _note(columns: str, loads: Sequence[MeasuredLoad], doubtful: Sequence[Measur
     worst = 100.0 * max(load.slope_lost for load in loads)
     return (
         f"{columns}: the measured torque is the load of {'joints' if several else 'joint'} {joints}, in place of the "
-        f"masses in robot.toml; by its sign it is the {of} ({'; '.join([*each, f'noise by {_listed(list(sources))}'])}). "
+        f"masses in robot.toml; by its sign it is the {of} ({'; '.join([*each, of_noise])}). "
         f"Slopes over it are corrected for that noise, which would make them up to {worst:.2g} % too small"
     )
 

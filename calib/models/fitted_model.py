@@ -72,7 +72,7 @@ class FittedModel(Presented):
     sigma: Array  # (P,) inf where nothing bounds the parameter
     options: FitOptions
     scanner_T_base: Mapping[str, Array]
-    """(4, 4) by setup, fitted to the training poses; scanner_T_flange where the arm carries the scanner."""
+    """Transform (4, 4) by setup, fitted to the training poses; scanner_T_flange where the arm carries the scanner."""
     needs: tuple[str, ...]  # columns of poses.csv that a prediction depends on, besides the joints
     before: RoleErrors  # of the nominal robot
     after: RoleErrors

@@ -161,7 +161,7 @@ class _Named:
 
     @property
     def alone(self) -> BoolArray:
-        """(D,) whether it is named, and nothing is said to be as likely."""
+        """Mask (D,): whether it is named, and nothing is said to be as likely."""
         return self.named & ~self.rivals.any(axis=1)
 
 
@@ -202,7 +202,7 @@ class _Judge:
         return tests.spread.whiten(self.coloured.T).T + vector @ tests.rows(model).T
 
     def alarms(self, model: ChangeModel, vector: Array) -> BoolArray:
-        """(D,) whether each check would alarm."""
+        """Mask (D,): whether each check would alarm."""
         known = self.cell.scanner_known
         y = self._whitened(self.cell.fixed if known else self.cell.free, model, vector)
         return np.asarray(((self.fixed if known else self.free).gains(y) >= self.alarm).any(axis=1))
@@ -227,7 +227,7 @@ class _Judge:
         return _Named((best == own) & sure & self.alarms(model, vector), rivals)
 
     def _explains_alone(self, model: ChangeModel, vector: Array) -> BoolArray:
-        """(D,) whether the change leaves no significant motion of the scanner."""
+        """Mask (D,): whether the change leaves no significant motion of the scanner."""
         if not self.cell.scanner_known:
             return np.zeros(len(self.coloured), dtype=bool)
         motion = self.cell.fixed.tests((self.cell.scanner,), given=[model])

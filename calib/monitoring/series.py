@@ -53,7 +53,7 @@ class MovingAverage:
 
     @property
     def z(self) -> Array:
-        """(S,) the moving average over its sigma."""
+        """Moving average (S,) over its sigma."""
         return self.smoothed / self.smoothed_sigmas
 
 

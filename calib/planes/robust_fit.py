@@ -69,7 +69,7 @@ class PlaneAxes(Protocol):
 
 
 def height_lever(planes: Sequence[PlaneAxes], point_mm: Array) -> Array:
-    """(3, 9) matrix that converts the heights, mm, and slopes, rad, of three planes to their heights at a point, mm."""
+    """Matrix (3, 9) that converts the heights, mm, and slopes, rad, of three planes to their heights at a point, mm."""
     lever = np.zeros((3, 9))
     for i, plane in enumerate(planes):
         lever[i, 3 * i : 3 * i + 3] = 1.0, *(plane.axes @ (point_mm - plane.centre_mm))

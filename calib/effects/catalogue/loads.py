@@ -236,7 +236,7 @@ class LinkBending(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The compliance L / EI."""
+        """The link's only parameter, its compliance L / EI."""
         doc = "L / EI: turn of the link's end by a unit moment"
         return (Parameter("c_rad_per_nm", "rad/Nm", _LINK, doc, positive=True),)
 

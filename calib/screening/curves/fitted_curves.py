@@ -217,7 +217,7 @@ class LearnedJointError:
 
 
 def curve_at(curve, u):
-    """(N,) rad, at inputs (N,)."""
+    """Values (N,), rad, at inputs (N,)."""
     phase = curve["rate"] * (u - curve["start"])
     out = np.zeros(len(u))
     for n, sine, cosine in curve["harmonics"]:

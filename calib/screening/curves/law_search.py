@@ -177,7 +177,7 @@ def rms(values: Array) -> float:
 
 
 def _unlike(best: LawForm, others: Sequence[LawForm]) -> tuple[LawForm, ...]:
-    """The first of each kind and joint among some laws that is of another kind, or of another joint, than the best."""
+    """First law of each kind and joint, of those that differ in kind or joint from the best."""
     out: dict[tuple[str, int], LawForm] = {}
     for other in others:
         if (other.kind, other.joint) != (best.kind, best.joint):

@@ -192,7 +192,7 @@ def _unfitted_blur(rows: Array, bend: Array, values: Array, sigma: Array, typica
 
 
 def _within(points: Array, centre: Array, radius: float, band_mm: float) -> BoolArray:
-    """(N,) whether points (N, 3) lie within `band_mm` of the sphere's surface."""
+    """Mask (N,): whether points (N, 3) lie within `band_mm` of the sphere's surface."""
     way = points - centre
     return np.asarray(np.abs(np.sqrt(np.einsum("ni,ni->n", way, way)) - radius) < band_mm)
 
@@ -239,7 +239,7 @@ def _is_lifted(over_sigmas: Array, ring: BoolArray) -> bool:
 
 
 def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
-    """(K,) whether most neighbours of a point lie on the sphere, not another object; `direction` (K, 3): outward."""
+    """Mask (K,): most neighbours of a point lie on the sphere, not another object; `direction` (K, 3): outward."""
     off = np.abs(over) > TUKEY * sigma
     if not off.any():
         return np.ones(len(over), dtype=bool)

@@ -84,7 +84,7 @@ def patch_factor(rows: Array, psi: Array, inverse: Array) -> float:
 
 
 def _patches(rows: Array) -> IndexArray:
-    """(K,) number of each point's patch: quantiles along two axes across the cap."""
+    """Number (K,) of each point's patch: quantiles along two axes across the cap."""
     way = rows[:, :3] / np.linalg.norm(rows[:, :3], axis=1, keepdims=True)
     centred = way - way.mean(axis=0)
     across = centred @ np.linalg.svd(centred[:: max(1, len(centred) // 2000)], full_matrices=False)[2][:2].T
