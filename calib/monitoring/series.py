@@ -195,9 +195,9 @@ def _times(calibrated: datetime | None, dated: list[datetime], count: int) -> tu
 
 
 def _since(count: int, holds: Callable[[int], bool]) -> int | None:
-    """Index of the check since which a statement holds without a break, each time by the first checks; None: never.
+    """Index of the check from which on a series up to each check `holds` to the end; None where it never does.
 
-    `holds` takes the number of the first checks.
+    `holds` takes the number of checks of such a series.
     """
     since = None
     for k in range(count, 0, -1):

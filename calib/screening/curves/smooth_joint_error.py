@@ -179,7 +179,7 @@ class SmoothJointError:
 
     @property
     def bounds(self) -> tuple[NaturalBound, ...]:
-        """What no joint does: a bound of a law's size; none of a mode's of a curve, of which many share an error."""
+        """Natural bound of a law's size; none for a mode of a curve, of which many share an error."""
         return LAW_BOUNDS if isinstance(self.modes, FormulaModes) else ()
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
