@@ -160,9 +160,7 @@ def of_one_jig(searches: Mapping[str, CornerSearch], jig: Jig) -> JigShape:
 def declared_noise(scanner: Scanner) -> DeclaredNoise:
     """Correlated error of the scanner as dataset.toml declares it."""
     return DeclaredNoise(
-        scanner.correlated_sigma_mm or 0.0,
-        scanner.correlation_length_mm or 0.0,
-        scanner.registration_sigma_mm or 0.0,
+        scanner.correlated_sigma_mm or 0.0, scanner.correlation_length_mm or 0.0, scanner.registration_sigma_mm or 0.0
     )
 
 

@@ -61,11 +61,7 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
             replace(first, scanner_R_jig=turned[:, [1, 2, 0]], order=(two, three, one)),
             replace(first, scanner_R_jig=turned[:, [2, 0, 1]], order=(three, one, two)),
         )
-    return (
-        first,
-        _orient(corner, known, (two, three, one)),
-        _orient(corner, known, (three, one, two)),
-    )
+    return (first, _orient(corner, known, (two, three, one)), _orient(corner, known, (three, one, two)))
 
 
 def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientation:

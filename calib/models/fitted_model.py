@@ -13,13 +13,7 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
-from calib.calibration.promise import (
-    Discrepancy,
-    FitUncertainty,
-    PointPromise,
-    fit_uncertainty,
-    promised_at_points,
-)
+from calib.calibration.promise import Discrepancy, FitUncertainty, PointPromise, fit_uncertainty, promised_at_points
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses

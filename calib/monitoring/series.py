@@ -22,11 +22,7 @@ from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.measurement.measured_dataset import measured
 from calib.monitoring.change_models import SCANNER
-from calib.monitoring.change_tests import (
-    ALARM,
-    USUAL,
-    Change,
-)
+from calib.monitoring.change_tests import ALARM, USUAL, Change
 from calib.monitoring.check_points import CheckPoints, Expectation
 from calib.monitoring.control_chart import date_of
 from calib.monitoring.courses import DRIFT, CourseSearch, TimedModel, stacked

@@ -46,12 +46,7 @@ def process_1(normal: Array, normals: Array, parallel_rad: float) -> BoolArray:
 
 
 def process_2(
-    centre_mm: Array,
-    normal: Array,
-    centroids_mm: Array,
-    normals: Array,
-    in_plane_rad: float,
-    height_mm: float,
+    centre_mm: Array, normal: Array, centroids_mm: Array, normals: Array, in_plane_rad: float, height_mm: float
 ) -> BoolArray:
     """Mask (K,): whether the vector v from the group's centre to each set's centroid is perpendicular to both normals.
 

@@ -122,15 +122,7 @@ def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset
     slope = float(np.mean(root * (5 * root - 4)))
     psi = weights * heights[inlier]
     return PlaneFit(
-        turned,
-        float(offset),
-        centre,
-        _across(turned, kept, weights),
-        indices[inlier],
-        kept,
-        psi,
-        slope,
-        sigma,
+        turned, float(offset), centre, _across(turned, kept, weights), indices[inlier], kept, psi, slope, sigma
     )
 
 

@@ -106,10 +106,7 @@ class Unknowns:
 
 
 def unknowns_of_fit(
-    calibration: Calibration,
-    *,
-    effects: Sequence[Effect] = (),
-    scanner_T_base: Mapping[str, Array] | None = None,
+    calibration: Calibration, *, effects: Sequence[Effect] = (), scanner_T_base: Mapping[str, Array] | None = None
 ) -> Unknowns:
     """Unknowns of a fit, and coefficients of further effects with a prior of zero within their usual size.
 

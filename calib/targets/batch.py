@@ -46,12 +46,7 @@ def find_targets(
         intermediate=intermediate,
     )
     return find_corners(
-        dataset,
-        progress=progress,
-        on_progress=on_progress,
-        executor=executor,
-        in_flight=in_flight,
-        search=search,
+        dataset, progress=progress, on_progress=on_progress, executor=executor, in_flight=in_flight, search=search
     )
 
 

@@ -98,10 +98,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     robust = fit_without_outliers(result)
     hint = "" if robust is None else outlier_hint(result, robust)
     said = "\n".join(f"{path}: {robot_file.summary}" for path, robot_file in robot_files.items())
-    document = calibration_document(result) | {
-        "steps": steps_document(steps),
-        "table_alone": table_document(table),
-    }
+    document = calibration_document(result) | {"steps": steps_document(steps), "table_alone": table_document(table)}
     for path, robot_file in robot_files.items():
         key = "urdf" if path == options.urdf_out else "kinematics"
         document[key] = {"changed": robot_file.changed, "left_out": table.left_out, "notes": robot_file.notes}

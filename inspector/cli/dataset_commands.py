@@ -21,12 +21,7 @@ from calib.effects.catalogue import descriptions
 from calib.errors import printable, visible
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.kinematics.cartesian import require_links
-from calib.measurement.measured_points import (
-    failed_searches,
-    label_faces,
-    require_corners,
-    with_corners,
-)
+from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
 from calib.present import to_dict
 from calib.present.effects import effects_document
 from calib.present.fit.corners import batch_blocks, corners_document
@@ -38,13 +33,7 @@ from calib.strict_json import to_json
 from calib.targets.assignment import assign_targets
 from calib.targets.batch import find_targets
 from calib.targets.protocol.user_file import load_finder
-from inspector.cli.options import (
-    CornersOptions,
-    Output,
-    RedundancyOptions,
-    ServeOptions,
-    VerifyOptions,
-)
+from inspector.cli.options import CornersOptions, Output, RedundancyOptions, ServeOptions, VerifyOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
 from inspector.export.csv_and_png import corners_csv, redundancy_csv

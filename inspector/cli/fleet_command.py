@@ -38,16 +38,10 @@ def run_fleet_command(options: FleetOptions) -> int:
     found = discover(options.path)
     asked = JudgeOptions(max_test_rmse_mm=options.max_test_rmse_mm, limit_s=options.timeout)
     try:
-        with (
-            _workers(options, len(found.datasets)) as workers,
-            progress("datasets", "dataset") as on_progress,
-        ):
+        with _workers(options, len(found.datasets)) as workers, progress("datasets", "dataset") as on_progress:
             fleet = run_fleet(found, results, workers, asked, fresh=options.fresh, on_progress=on_progress)
     except KeyboardInterrupt:
-        print(
-            visible(f"inspector: stopped; the same command goes on from what is in {results}"),
-            file=sys.stderr,
-        )
+        print(visible(f"inspector: stopped; the same command goes on from what is in {results}"), file=sys.stderr)
         return 130
     write_table(fleet.rows, out)
     write_text_atomically(page, fleet_html(fleet, page, now=datetime.now()))

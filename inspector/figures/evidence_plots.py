@@ -87,10 +87,7 @@ def moved_by_change(moved_mm: Array, explained_mm: Array, ids: Sequence[str], he
 
 
 def errors_by_poses(
-    poses: Sequence[int],
-    train_rmse_mm: Sequence[float],
-    held_out_rmse_mm: Sequence[float],
-    spread_mm: Sequence[float],
+    poses: Sequence[int], train_rmse_mm: Sequence[float], held_out_rmse_mm: Sequence[float], spread_mm: Sequence[float]
 ) -> go.Figure:
     """Figure of training and held-out error against the number of fitted poses; bars: spread of the held-out error."""
     traces = [

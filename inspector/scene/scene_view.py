@@ -138,11 +138,7 @@ class SceneView:
         return self._server.atomic()
 
     def draw(
-        self,
-        layer: str,
-        make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]],
-        *,
-        key: object = None,
+        self, layer: str, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]], *, key: object = None
     ) -> None:
         """Fill a layer with nodes added by `make` below the name passed to it.
 

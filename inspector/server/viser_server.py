@@ -82,10 +82,7 @@ def _is_own_name(name: str, bound_host: str) -> bool:
     try:
         address = ipaddress.ip_address(name)
     except ValueError:
-        return not _is_loopback(bound_host) and name in {
-            socket.gethostname().lower(),
-            socket.getfqdn().lower(),
-        }
+        return not _is_loopback(bound_host) and name in {socket.gethostname().lower(), socket.getfqdn().lower()}
     return address.is_loopback or not _is_loopback(bound_host)
 
 

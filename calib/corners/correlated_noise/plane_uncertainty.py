@@ -36,13 +36,7 @@ from calib.corners.correlated_noise.declared import (
     registration_covariance,
     share_of_declared,
 )
-from calib.corners.correlated_noise.likelihood import (
-    LENGTHS,
-    SHAPE_LENGTHS,
-    SHAPES,
-    evidence_of,
-    gaussian_kernels,
-)
+from calib.corners.correlated_noise.likelihood import LENGTHS, SHAPE_LENGTHS, SHAPES, evidence_of, gaussian_kernels
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
 from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
 from calib.corners.correlated_noise.surroundings import evidence_of_surroundings, patches_of_surroundings

@@ -170,10 +170,7 @@ def plain_urdf(chain: SerialChain) -> str:
     if chain.tool_point_mm is not None:
         taken = {*names, *links, base, tip}
         lines += _tool_point_lines(tip, make_transform(np.eye(3), chain.tool_point_mm), taken)
-    lines += [
-        "</robot>",
-        "",
-    ]
+    lines += ["</robot>", ""]
     return "\n".join(lines)
 
 

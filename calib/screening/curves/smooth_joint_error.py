@@ -251,10 +251,7 @@ def _formula_of(member: SmoothJointError, modes: FormulaModes, values: Mapping[s
     parts = []
     for term in modes.terms:
         if term.kind == "harmonic":
-            parts += [
-                f"{next(fitted):+.3g} sin({term.order} {u})",
-                f"{next(fitted):+.3g} cos({term.order} {u})",
-            ]
+            parts += [f"{next(fitted):+.3g} sin({term.order} {u})", f"{next(fitted):+.3g} cos({term.order} {u})"]
             continue
         shape = {
             "bump": f"exp(-(({u} - {term.place:.3g}) / {term.width:.3g})^2 / 2)",

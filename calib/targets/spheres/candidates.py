@@ -129,9 +129,6 @@ def _settled(
         step = np.linalg.solve(normal, rows.T @ (weight * over))
         size = float(np.linalg.norm(step[:3]))
         step *= min(1.0, 0.3 * radius / max(size, 1e-9))
-        centre, radius = (
-            centre + step[:3],
-            float(np.clip(radius + step[3], 0.8 * radii_mm[0], 1.25 * radii_mm[1])),
-        )
+        centre, radius = (centre + step[:3], float(np.clip(radius + step[3], 0.8 * radii_mm[0], 1.25 * radii_mm[1])))
         share = float(np.clip(6 * scale / radius, 0.02, share))
     return SphereCandidate(centre, radius, votes, share * radius)

@@ -34,10 +34,7 @@ def _hidden_by_mesh(mesh: LinkMesh, base_T_link: Array, eye_mm: Array, points_mm
 
     tensor: Any = o3d.core.Tensor
     scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        tensor(mesh.vertices_mm.astype(np.float32)),
-        tensor(mesh.triangles.astype(np.uint32)),
-    )
+    scene.add_triangles(tensor(mesh.vertices_mm.astype(np.float32)), tensor(mesh.triangles.astype(np.uint32)))
     pose, point = np.nonzero(asked)
     link_T_base = np.array([invert(frame) for frame in base_T_link])[pose]
     turn = link_T_base[:, :3, :3]

@@ -54,10 +54,7 @@ def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = F
     """
     frame = (calibration.before if before else calibration.after).to_frame(calibration.dataset)
     drawn = plots.pose_residuals(
-        frame["pose"].tolist(),
-        frame["role"].tolist(),
-        frame["error_mm"].to_numpy(),
-        what="3D error",
+        frame["pose"].tolist(), frame["role"].tolist(), frame["error_mm"].to_numpy(), what="3D error"
     )
     model = "as delivered" if before else "after the fit"
     return titled(drawn, f"Error at each pose {model}: {calibration.dataset.name}", dark=dark)
@@ -100,12 +97,7 @@ def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark:
     errors = pose_errors_of(calibration)
     values, title, _ = _shown(errors, show, calibration.dataset.robot)
     drawn = residual_plots.place_views(
-        errors.place_mm,
-        values,
-        errors.pose_ids,
-        errors.is_test,
-        title=title,
-        signed=show != "length",
+        errors.place_mm, values, errors.pose_ids, errors.is_test, title=title, signed=show != "length"
     )
     return titled(drawn, f"Error over the work space: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
 
