@@ -6,6 +6,7 @@ Those that fit a model are in `inspector.cli.fit_commands`.
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -40,8 +41,9 @@ from inspector.export.csv_and_png import corners_csv, redundancy_csv
 
 
 def run_serve(options: ServeOptions) -> int:
-    """Serve the web app until Ctrl-C."""
-    from inspector.app.serving import serve
+    """Serve the web app until Ctrl-C; its address is printed on stdout."""
+    from inspector.app.serving import serving
+    from inspector.server.viser_server import url_of
     from inspector.session.reopening import opening
     from inspector.session.session_file import load_session
 
@@ -50,14 +52,17 @@ def run_serve(options: ServeOptions) -> int:
         saved, notes = opening(load_session(options.session), options.path, options.effects_file)
         for note in notes:
             print(visible(f"inspector: warning: {options.session}: {note}"), file=sys.stderr)
-    serve(
-        options.path,
-        host=options.host,
-        port=options.port,
-        effects_file=options.effects_file,
-        saved=saved,
-        data=options.data,
-    )
+    effects_file, data = options.effects_file, options.data
+    with serving(
+        options.path, host=options.host, port=options.port, effects_file=effects_file, saved=saved, data=data
+    ) as app:
+        if data is not None:
+            print(f"Your own data, dropped on the page, goes to {visible(str(data.resolve()))}.")
+        print(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.", flush=True)
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            print()
     return 0
 
 
