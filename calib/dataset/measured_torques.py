@@ -68,7 +68,7 @@ def with_measured_loads(dataset: Dataset) -> Dataset:
     The dataset itself where no torque was measured. Torques that do not follow the weight of an arm are not used.
     """
     poses, robot = dataset.poses, dataset.robot
-    turning = [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
+    turning = robot.revolute_joints
     found = {j: torque for j in turning if (torque := measured_torque_nm(poses, j)) is not None}
     if not found:
         return dataset
