@@ -90,14 +90,7 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Array:
 def rotation_from_rpy(rpy_rad: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of turns about fixed axes x, y, z (..., 3): Rz(yaw) Ry(pitch) Rx(roll)."""
     roll, pitch, yaw = np.moveaxis(np.asarray(rpy_rad, dtype=float), -1, 0)
-    cr, sr, cp, sp, cy, sy = (
-        np.cos(roll),
-        np.sin(roll),
-        np.cos(pitch),
-        np.sin(pitch),
-        np.cos(yaw),
-        np.sin(yaw),
-    )
+    cr, sr, cp, sp, cy, sy = (np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw))
     rows = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],

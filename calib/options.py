@@ -11,7 +11,6 @@ from typing import NoReturn, TypedDict
 
 from calib.errors import FitError
 from calib.noise_shape import NoiseShape
-from calib.type_prior import TypePrior
 
 RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
 """Residuals that a fit can minimise, defined in `calib.fitting.residual_kinds`."""
@@ -44,6 +43,14 @@ def parameter_name(typed: str) -> str:
         return typed
     letter, row = shown.groups()
     return next(word for word, symbol in GREEK_LETTERS.items() if symbol == letter) + row
+
+
+@dataclass(frozen=True)
+class TypePrior:
+    """Prior of an arm's parameters by full name, mm, rad or an effect's own units."""
+
+    means: Mapping[str, float] = field(default_factory=dict)
+    sigmas: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.effects.place_errors import place_errors_of
 from calib.errors import FitError
 from calib.fitting.distance_residuals import DistanceResiduals
+from calib.fitting.fit import Fit
 from calib.fitting.fit_task import FitTask, Fitted
-from calib.fitting.load_uncertainty import with_load_uncertainty
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
@@ -41,6 +41,7 @@ from calib.fitting.table_evidence import TIP, sigmas_near_table
 from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
+from calib.kinematics.statics import uncertain_loads
 from calib.measurement.measured_dataset import measured_as_asked
 from calib.options import LINKS, FitFields, FitOptions
 
@@ -150,7 +151,7 @@ def _calibrated(
     fitted, kept = _fitted(task, start)
     fitted = _near_table(task.of(kept), fitted)
     model = fitted.model
-    fit = with_load_uncertainty(residual, model, fitted.fit, observed.select(kept))
+    fit = _with_load_uncertainty(residual, model, fitted.fit, observed.select(kept))
     spared = sum(len(effect.parameters) for effect in model.effects if is_held_by_prior(effect))
     _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank - spared)
     if fit.rank == 0:
@@ -322,3 +323,24 @@ def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) ->
         if name not in names:
             raise FitError(f"no parameter named {name!r}; there are {', '.join(names[:6])} ...")
     return tolerances
+
+
+def _with_load_uncertainty(kind: str, model: Model, fit: Fit, observed: Observations) -> Fit:
+    """Fit whose covariance has what the noise of measured torques makes of the parameters; itself without these.
+
+    An effect under load is fitted as if the load were known. Where the load is off, the parameters move: to first order
+    by -C J^T c, with the fit's covariance C over the noise's variance, its Jacobian J, and the change c of the
+    residual. `kind` is the residual's.
+    """
+    robot = model.loads_of
+    if robot is None or not robot.measured_loads or not np.isfinite(fit.reduced_chi) or not fit.reduced_chi > 0.0:
+        return fit
+    placed = with_nominal_scanner_frames(observed, model.placed_robot)
+    at = make_residuals(kind, model, placed).linearise(fit.x)
+    gain = fit.covariance / fit.reduced_chi**2 @ at.jacobian.T
+    covariance = fit.covariance.copy()
+    for variant in uncertain_loads(robot):
+        changed = make_residuals(kind, replace(model, loads_of=variant), placed).residual(fit.x)
+        moved = gain @ (changed - at.residual)
+        covariance += np.outer(moved, moved)
+    return replace(fit, covariance=covariance)

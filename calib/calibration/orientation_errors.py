@@ -9,11 +9,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
 from calib.fitting.model import Model
-from calib.fitting.observations import (
-    Observations,
-    predict_poses,
-    with_nominal_scanner_frames,
-)
+from calib.fitting.observations import Observations, predict_poses, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals
 
 

@@ -124,10 +124,7 @@ class PoseErrors:
 
     def to_frame(self) -> pd.DataFrame:
         """Table with one row per pose: role, errors, apparent joint errors (rad or mm), place, and every input."""
-        columns: dict[str, object] = {
-            "pose": self.pose_ids,
-            "role": np.where(self.is_test, "test", "train"),
-        }
+        columns: dict[str, object] = {"pose": self.pose_ids, "role": np.where(self.is_test, "test", "train")}
         columns |= {f"error_{axis}_mm": self.error_mm[:, k] for k, axis in enumerate("xyz")}
         columns["error_mm"] = self.error_length_mm
         columns |= {

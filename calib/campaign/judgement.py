@@ -113,12 +113,7 @@ def judge_found(dataset: Dataset, found: Sequence[str], calibration: Calibration
         is_off = not agrees if dataset.poses.is_test[dataset.poses.index(pose_id)] else pose_id in calibration.outliers
         reason: Reason = "off" if is_off else "uncertain" if own is not None and own > UNCERTAIN * usual else ""
         judged[pose_id] = PoseJudgement(
-            pose_id,
-            "doubtful" if reason else "good",
-            reason,
-            sigma_mm=own,
-            error_mm=error_mm,
-            promised_mm=promised_mm,
+            pose_id, "doubtful" if reason else "good", reason, sigma_mm=own, error_mm=error_mm, promised_mm=promised_mm
         )
     return judged
 

@@ -57,10 +57,10 @@ class Outlook(Brief):
         return self.further > 0 and self.then_mm < (1.0 - PAYS * self.further / STEP) * self.now.geometry_mm
 
 
-def drawn_poses(calibration: Calibration, seed: int = 0) -> DrawnPoses | None:
+def drawn_poses(calibration: Calibration) -> DrawnPoses | None:
     """Poses that can be measured, drawn in the cell that a fit knows; None where too few can be."""
     try:
-        q = candidate_poses(FromFit(calibration).cell, _REGION + _CANDIDATES, rng=np.random.default_rng(seed))
+        q = candidate_poses(FromFit(calibration).cell, _REGION + _CANDIDATES, rng=np.random.default_rng(0))
     except CalibError:
         return None
     return DrawnPoses(q[:_REGION], q[_REGION:])

@@ -102,9 +102,7 @@ def simplest_of(hypotheses: Sequence[DataHypothesis]) -> list[DataHypothesis]:
 def _scaled(points: Points, scale: float) -> Points:
     covariance = points.covariance_mm2
     return replace(
-        points,
-        xyz_mm=points.xyz_mm * scale,
-        covariance_mm2=None if covariance is None else covariance * scale**2,
+        points, xyz_mm=points.xyz_mm * scale, covariance_mm2=None if covariance is None else covariance * scale**2
     )
 
 
@@ -146,13 +144,7 @@ def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
         remedy.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
     kind = JOINT_ORDER if moved else JOINT_SIGN if turned else JOINT_ZERO
     return DataHypothesis(
-        kind,
-        _and(mistake),
-        f"with {_and(change)}",
-        _and(remedy),
-        reading.joints,
-        reading=reading,
-        edits=reading.edits,
+        kind, _and(mistake), f"with {_and(change)}", _and(remedy), reading.joints, reading=reading, edits=reading.edits
     )
 
 
@@ -185,11 +177,7 @@ def of_units(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
     slides = {1.0: ("", "", "")}
     if not turns.all():
         slides |= {
-            scale: (
-                f"the slides are in {unit}",
-                f"the slides read in {unit}",
-                f"multiply the slides by {scale:g}",
-            )
+            scale: (f"the slides are in {unit}", f"the slides read in {unit}", f"multiply the slides by {scale:g}")
             for unit, scale in _LENGTHS.items()
         }
     lengths: dict[float, tuple[str, str, str]] = {1.0: ("", "", "")}

@@ -28,7 +28,7 @@ from calib.parallel import map_as_completed
 from calib.planes.filters import SampleSets
 from calib.presented import Presented
 from calib.progress import OnProgress, counted
-from calib.scans.scan import PointCount, load_scan
+from calib.scans.scan import PointCount, Scan, load_scan
 
 
 class CornerBatch(dict[str, CornerSearch], Presented):
@@ -160,9 +160,7 @@ def of_one_jig(searches: Mapping[str, CornerSearch], jig: Jig) -> JigShape:
 def declared_noise(scanner: Scanner) -> DeclaredNoise:
     """Correlated error of the scanner as dataset.toml declares it."""
     return DeclaredNoise(
-        scanner.correlated_sigma_mm or 0.0,
-        scanner.correlation_length_mm or 0.0,
-        scanner.registration_sigma_mm or 0.0,
+        scanner.correlated_sigma_mm or 0.0, scanner.correlation_length_mm or 0.0, scanner.registration_sigma_mm or 0.0
     )
 
 
@@ -176,17 +174,22 @@ def search_file(
     intermediate: bool = True,
 ) -> CornerSearch:
     """Corner search in a scan file; a file that cannot be read gives a failed search with `unreadable` set."""
+    options = CornerOptions(refinement=RefinementOptions(declared=declared))
+    find = partial(find_corner, jig=jig, scan_sigma_mm=scan_sigma_mm, options=options)
+    return searched_scan(path, find, intermediate=intermediate)
+
+
+def searched_scan(path: Path, find: Callable[[Scan], CornerSearch], *, intermediate: bool) -> CornerSearch:
+    """Search of a scan file by `find`; a file that cannot be read gives a failed search with `unreadable` set."""
     try:
         scan = load_scan(path)
     except ScanError as error:
         return failed_search(path.stem, str(error), unreadable=True)
-    options = CornerOptions(refinement=RefinementOptions(declared=declared))
-    search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options)
-    search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
-    return search if intermediate else brief(search)
+    search = replace(find(scan), count=PointCount(len(scan.points_mm), scan.dropped))
+    return search if intermediate else _brief(search)
 
 
-def brief(search: CornerSearch) -> CornerSearch:
+def _brief(search: CornerSearch) -> CornerSearch:
     """Corner search without its arrays of points: the corner, the counts and the reason stay."""
     none = np.zeros((0, 3))
     corner = None if search.corner is None else _without_bits(search.corner)

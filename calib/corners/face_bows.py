@@ -73,8 +73,7 @@ def with_common_bows(corners: Mapping[str, Corner], jig: Jig) -> tuple[dict[str,
 
     It makes no difference whether bows or angles are already held in the corners.
     """
-    result = {name: (corner.free or corner) for name, corner in corners.items()}
-    result = {name: corner.flat or corner for name, corner in result.items()}
+    result = {name: corner.as_fitted for name, corner in corners.items()}
     known = {name: corner.bows for name, corner in result.items() if corner.bows is not None}
     if sum(bows.shown for bows in known.values()) < _SHOWN * len(result):
         return result, None
@@ -166,7 +165,7 @@ class _Learned:
 
 
 def _parts(higher: float) -> Array:
-    """(36,) variances of the parts of bows in units of those of degree 2."""
+    """Variances (36,) of the parts of bows in units of those of degree 2."""
     return np.tile(np.where(np.arange(TERMS) < QUADRATIC, 1.0, higher**2), 3)
 
 
@@ -232,7 +231,7 @@ def _common(likelihood: _Likelihood, prior: Array, scatter: Array, *, alike: boo
 
 
 def _as_first(count: int, scan: int) -> Array:
-    """(K, 3) probabilities of the turns where one scan alone is known, in its own order."""
+    """Probabilities (K, 3) of the turns where one scan alone is known, in its own order."""
     share = np.zeros((count, 3))
     share[scan, 0] = 1.0
     return share

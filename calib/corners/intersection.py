@@ -63,6 +63,16 @@ class Corner(Brief):
     bows: BowEvidence | None = None  # what the scan tells of bows of the faces
     flat: Corner | None = None  # the same with its faces taken as flat, where all scans tell their bows
 
+    @property
+    def without_held_angles(self) -> Corner:
+        """This corner with its three planes fitted freely."""
+        return self.free or self
+
+    @property
+    def as_fitted(self) -> Corner:
+        """This corner as its own scan tells it: no angles held, faces taken as flat."""
+        return self.without_held_angles.flat or self.without_held_angles
+
     def sigma_mm(self) -> float:
         """Standard deviation of the apex over all three axes: sqrt(trace of the covariance)."""
         return float(np.sqrt(np.trace(self.covariance_mm2)))

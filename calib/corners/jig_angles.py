@@ -93,11 +93,11 @@ class _ScanAngles:
 
     @property
     def turned_rad(self) -> Array:
-        """(K, P, 3) angles in each order."""
+        """Angles (K, P, 3) in each order."""
         return np.asarray(self.off_rad[np.arange(len(self.off_rad))[:, None, None], self.orders])
 
     def turned_covariance(self, scale: float) -> Array:
-        """(K, P, 3, 3) covariances in each order, times a factor."""
+        """Covariances (K, P, 3, 3) in each order, times a factor."""
         rows = np.arange(len(self.off_rad))[:, None, None, None]
         return np.asarray(scale * self.covariance_rad2[rows, self.orders[..., :, None], self.orders[..., None, :]])
 
@@ -121,7 +121,7 @@ class _ScanAngles:
         return (self, replace(self, orders=self.orders[:, :, ::-1])) if np.ptp(self.jig_rad) else (self,)
 
     def squared(self) -> Array:
-        """(K,) squared misfit of each scan in the order that fits best: 3 on average for a jig that has its angles."""
+        """Squared misfit (K,) of each scan in the order that fits best: 3 on average for a jig that has its angles."""
         misfits = []
         for way in self.either_way():
             weight: Array = np.asarray(np.linalg.inv(way.turned_covariance(1.0)), dtype=np.float64)
@@ -149,7 +149,7 @@ def with_common_angles(corners: Mapping[str, Corner], jig: Jig) -> tuple[dict[st
 
     It makes no difference whether angles are already held in the corners. None where there is no corner.
     """
-    result = {name: corner.free or corner for name, corner in corners.items()}
+    result = {name: corner.without_held_angles for name, corner in corners.items()}
     if not result:
         return result, None
     names = list(result)

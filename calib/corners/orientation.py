@@ -61,11 +61,7 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
             replace(first, scanner_R_jig=turned[:, [1, 2, 0]], order=(two, three, one)),
             replace(first, scanner_R_jig=turned[:, [2, 0, 1]], order=(three, one, two)),
         )
-    return (
-        first,
-        _orient(corner, known, (two, three, one)),
-        _orient(corner, known, (three, one, two)),
-    )
+    return (first, _orient(corner, known, (two, three, one)), _orient(corner, known, (three, one, two)))
 
 
 def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientation:
@@ -84,7 +80,7 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
     w changes s_k by -(R m x e_k) . w. Under certified angles the covariance has rank 3; the weight is its
     pseudo-inverse.
     """
-    free = corner.free or corner  # held angles would count twice
+    free = corner.without_held_angles  # these would count twice
     normals = np.array([free.faces[i].normal for i in order])
     axes = np.array([free.faces[i].axes for i in order])  # (3, 2, 3)
     slopes = np.array([[3 * i + 1, 3 * i + 2] for i in order]).ravel()

@@ -214,10 +214,7 @@ class Planes:
         spacing_mm = self.around.spacing_mm(at) if len(at) else 0.0
         # What costs least is counted first: no score is higher than the area that has points.
         triples = self._scored(
-            groups,
-            chosen,
-            self.outlines,
-            lambda i, face: (filled_share(on[i][0], face, spacing_mm), 0.0, 0.0),
+            groups, chosen, self.outlines, lambda i, face: (filled_share(on[i][0], face, spacing_mm), 0.0, 0.0)
         )
         count = int(np.count_nonzero(mirrored))
         share = count / max(len(at) + count, 1)
@@ -230,10 +227,7 @@ class Planes:
         ]
         through = [np.zeros((0, 2))] * 3
         triples = self._scored(
-            groups,
-            chosen,
-            outlines,
-            lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm),
+            groups, chosen, outlines, lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm)
         )
         if not (outlines := self._like(triples)):
             return self._best(triples)
@@ -245,15 +239,12 @@ class Planes:
         behind = self.solid[(near & ~mirrored)[self.solid]]
         through = [self._through(faces, face, behind) for face in range(3)]
         triples = self._scored(
-            groups,
-            chosen,
-            outlines,
-            lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm),
+            groups, chosen, outlines, lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm)
         )
         return replace(self._best(triples), mirrored=share)
 
     def _mirrored(self, faces: Sequence[_Face], normals: Array) -> BoolArray:
-        """(V,) mask of the points that a concave jig's shiny faces put behind one of them.
+        """Mask (V,) of the points that a concave jig's shiny faces put behind one of them.
 
         A ray that a face reflects meets another face, and its point is measured as far along the ray: at the mirror
         image of that other face in the first. Mirrored back in the planes that it is behind, it lies in the face.

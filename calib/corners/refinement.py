@@ -16,12 +16,7 @@ from calib.array_types import Array, IndexArray
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.correlated_noise.plane_uncertainty import plane_uncertainty
 from calib.corners.correlated_noise.surroundings import flat_surroundings
-from calib.corners.faces.face_outline import (
-    along_edges,
-    face_points,
-    flat_margins_mm,
-    without_far_points,
-)
+from calib.corners.faces.face_outline import along_edges, face_points, flat_margins_mm, without_far_points
 from calib.corners.faces.mixed_pixels import refit_narrow_faces
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.corners.jig_angles import with_common_angles

@@ -21,12 +21,7 @@ from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster, off_planes
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
-from calib.planes.normals import (
-    NEIGHBOURS,
-    Neighbourhoods,
-    estimate_normals,
-    with_fewer_neighbours,
-)
+from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, with_fewer_neighbours
 from calib.planes.point_selection import thin_to_voxels
 from calib.presented import Presented
 from calib.scans.scan import PointCount, Scan, load_scan, seeded_generator

@@ -113,10 +113,10 @@ class Poses(Brief):
     approach: Array | None = None  # (N, n) of -1, 1
     extra: FurtherColumns = field(default_factory=FurtherColumns)  # unknown columns, kept and offered as inputs
     order: Array = field(default_factory=lambda: np.zeros(0))
-    """(N,) place in the order of measuring, from 0; inf for poses that come after all that were measured. Where it is
+    """Place (N,) in the order of measuring, from 0; inf for poses that come after all that were measured. Where it is
     not given: by time_s, else by row."""
     came_from: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(N, n) joints of the pose measured before, of the first its own. Where it is not given, by `order`."""
+    """Joints (N, n) of the pose measured before, of the first its own. Where it is not given, by `order`."""
     selected_from: Poses | None = None
     """All poses of the measurement, where these are some of them; dropped where `came_from` is not given."""
 

@@ -27,12 +27,7 @@ _STARTS = 24  # directions around the arm in which an anchor is looked for
 
 
 def length_points(
-    robot: Robot,
-    poses: Poses,
-    pose: IndexArray,
-    target: NDArray[np.str_],
-    length_mm: Array,
-    anchor: NDArray[np.str_],
+    robot: Robot, poses: Poses, pose: IndexArray, target: NDArray[np.str_], length_mm: Array, anchor: NDArray[np.str_]
 ) -> Points:
     """Points of M measured lengths, with directions by the nominal arm. Raises DatasetError for too few of one."""
     lengths = Lengths(length_mm, anchor, np.zeros((len(length_mm), 3)), np.full((len(length_mm), 3), np.nan))

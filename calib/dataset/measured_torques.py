@@ -68,7 +68,7 @@ def with_measured_loads(dataset: Dataset) -> Dataset:
     The dataset itself where no torque was measured. Torques that do not follow the weight of an arm are not used.
     """
     poses, robot = dataset.poses, dataset.robot
-    turning = [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
+    turning = robot.revolute_joints
     found = {j: torque for j in turning if (torque := measured_torque_nm(poses, j)) is not None}
     if not found:
         return dataset
@@ -98,8 +98,8 @@ def with_measured_loads(dataset: Dataset) -> Dataset:
     return replace(
         dataset,
         robot=replace(robot, measured_loads=loads),
-        warnings=(*dataset.warnings, *map(_doubt, doubtful)),
-        notes=(*dataset.notes, _note(columns, loads)),
+        warnings=(*dataset.warnings, *([_doubt(doubtful)] if doubtful else [])),
+        notes=(*dataset.notes, _note(columns, loads, doubtful)),
     )
 
 
@@ -237,30 +237,33 @@ def _is_doubtful(load: MeasuredLoad, largest_nm: float) -> bool:
     return large and load.sigma_from == BETWEEN_JOINTS and load.trust < 0.5
 
 
-def _doubt(load: MeasuredLoad) -> str:
-    """Warning that much of a joint's torque is no weight, and may be noise or load."""
+def _doubt(loads: Sequence[MeasuredLoad]) -> str:
+    """Warning that much of some joints' torques is no weight, and may be noise or load."""
+    of_weight = [f"{100.0 * load.explained:.3g} % of torque{load.joint + 1}_nm" for load in loads]
+    noise = [f"{load.sigma_nm:.2g} Nm" for load in loads]
     return (
-        f"torque{load.joint + 1}_nm: weight explains {100.0 * load.explained:.3g} % of it, and {load.sigma_nm:.2g} Nm "
-        "of the rest are taken for noise; if they are load (cables, contact, a payload that poses.csv does not tell), "
-        "give payload_kg in poses.csv, or torque_sigma_nm in [signals] of dataset.toml, by which the readings count"
+        f"weight explains {_listed(of_weight)}, and of the rest {_listed(noise)} are taken for noise; if they are load "
+        "(cables, contact, a payload that poses.csv does not tell), give payload_kg in poses.csv, or torque_sigma_nm "
+        "in [signals] of dataset.toml, by which the readings count"
     )
 
 
-def _note(columns: str, loads: Sequence[MeasuredLoad]) -> str:
-    """Sentence that says which torques are used, how noisy they are, and what is done about it."""
+def _note(columns: str, loads: Sequence[MeasuredLoad], doubtful: Sequence[MeasuredLoad]) -> str:
+    """Sentence on the torques that are used, the noise of those that `_doubt` leaves, and what is done about it."""
     several = len(loads) > 1
     joints = _listed([str(load.joint + 1) for load in loads])
     of = "drive's, which holds the load" if loads[0].sign < 0.0 else "load's own"
-    sources = dict.fromkeys(load.sigma_from for load in loads)
+    of_noise = f"noise by {_listed(list(dict.fromkeys(load.sigma_from for load in loads)))}"
     each = [
         f"joint {load.joint + 1}: weight explains {100.0 * load.explained:.3g} %, noise {load.sigma_nm:.2g} Nm, "
         f"{100.0 * load.trust:.0f} % of the rest is taken as load"
         for load in loads
+        if load not in doubtful
     ]
     worst = 100.0 * max(load.slope_lost for load in loads)
     return (
         f"{columns}: the measured torque is the load of {'joints' if several else 'joint'} {joints}, in place of the "
-        f"masses in robot.toml; by its sign it is the {of} ({'; '.join(each)}; noise by {_listed(list(sources))}). "
+        f"masses in robot.toml; by its sign it is the {of} ({'; '.join([*each, of_noise])}). "
         f"Slopes over it are corrected for that noise, which would make them up to {worst:.2g} % too small"
     )
 

@@ -40,7 +40,7 @@ def groups_by_condition(poses: Poses) -> IndexArray:
     alike = np.asarray(np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1))
     own = [] if poses.temperature_c is None else [poses.temperature_c]
     for temperature_c in (*own, *named_temperatures(poses).values()):
-        alike = _split_by_width(alike, temperature_c, SAME_TEMPERATURE_C)
+        alike = _split_by_temperature(alike, temperature_c)
     return alike
 
 
@@ -52,14 +52,14 @@ def _levels(values: Array, same: float) -> IndexArray:
     return ranks
 
 
-def _split_by_width(group: IndexArray, values: Array, width: float) -> IndexArray:
-    """Numbers (N,) of groups divided further, so that the values of each part lie within `width` of its smallest."""
-    order = np.lexsort((values, group))
+def _split_by_temperature(group: IndexArray, temperature_c: Array) -> IndexArray:
+    """Numbers (N,) of groups divided further, so that each part is of one temperature within `SAME_TEMPERATURE_C`."""
+    order = np.lexsort((temperature_c, group))
     parts = np.empty(len(group), dtype=np.int64)
     part, last, start = -1, -1, 0.0
     for i in order:
-        if group[i] != last or not values[i] - start <= width:
-            part, last, start = part + 1, group[i], values[i]
+        if group[i] != last or not temperature_c[i] - start <= SAME_TEMPERATURE_C:
+            part, last, start = part + 1, group[i], temperature_c[i]
         parts[i] = part
     return parts
 

@@ -13,13 +13,7 @@ from calib.calibration.result import Calibration, is_declared
 from calib.dataset.repeats import repeat_groups
 from calib.diagnosis.verdict import Refusal
 from calib.fitting.observations import mean_by_pose
-from calib.screening.candidates import (
-    MIN_CONFOUNDED_OVERLAP,
-    MIN_LOG_BAYES_FACTOR,
-    Candidate,
-    Screening,
-    Untestable,
-)
+from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening, Untestable
 from calib.screening.curves.joint_curves import MIN_LOG_EVIDENCE as MIN_CURVE_EVIDENCE
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.left_out import left_out_gain
@@ -175,13 +169,7 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
 
 
 def refusal(
-    candidate: Candidate,
-    screening: Screening,
-    before: Calibration,
-    after: Calibration,
-    *,
-    further: bool,
-    strict: bool,
+    candidate: Candidate, screening: Screening, before: Calibration, after: Calibration, *, further: bool, strict: bool
 ) -> Refusal | None:
     """Reason not to add a candidate effect after its trial fit; None where the effect may be added.
 

@@ -41,7 +41,7 @@ def diagnosis_of_model(
     if any(effect.name == LEARNED for effect in last.selected):
         return _with_curves_inside(space, steps)
     if tests is None:
-        tests = _residual_tests(last.calibration)
+        tests = run_residual_tests(last.calibration.dataset, project_residual(last.calibration))
     left_out = last.calibration.outliers  # by robust fits
     if left_out:
         tests = replace(tests, outlier_poses=tuple(dict.fromkeys([*left_out, *tests.outlier_poses])))
@@ -62,10 +62,6 @@ def diagnosis_of_model(
     if stop.implausible:
         return diagnosis
     return replace(diagnosis, no_more_than_drift=_no_more_than_drift(space, diagnosis))
-
-
-def _residual_tests(calibration: Calibration) -> ResidualTests:
-    return run_residual_tests(calibration.dataset, project_residual(calibration))
 
 
 def _no_more_than_drift(space: SearchSpace, diagnosis: Diagnosis) -> AddedEffect | None:

@@ -34,23 +34,10 @@ from calib.diagnosis.decision_rules import (
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import (
-    SearchSpace,
-    first_fit,
-    members_anew,
-    step_after,
-    with_candidate,
-    without_one,
-)
+from calib.diagnosis.search_space import SearchSpace, first_fit, members_anew, step_after, with_candidate, without_one
 from calib.diagnosis.verdict import Refusal
 from calib.effects.effect import Effect, Family, full_name
-from calib.screening.candidates import (
-    MIN_CONFOUNDED_OVERLAP,
-    MIN_LOG_BAYES_FACTOR,
-    Candidate,
-    Screening,
-    screen,
-)
+from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.projected_residual import project_residual

@@ -14,7 +14,7 @@ from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, Untestable
 from calib.screening.curves.law_search import FoundLaws
-from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, is_law, joints_of
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
 from calib.screening.noise_search import AddedEffect, ShownNoise
 from calib.screening.residual_tests import ResidualTests, asked_of_joints
 from calib.screening.smooth_motions import JointFault
@@ -36,11 +36,6 @@ class LearnedModel:
     after: Calibration
     log_evidence: float | None  # over no curves; None where a saved session brought them
     laws: FoundLaws | None = None  # the search that found them, where they are laws of few parameters
-
-    @property
-    def are_laws(self) -> bool:
-        """Whether all that was learned are laws of few parameters, and no curve."""
-        return all(is_law(member) for member in self.members)
 
     @property
     def joints(self) -> tuple[int, ...]:

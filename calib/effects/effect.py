@@ -182,6 +182,11 @@ class CatalogueEffect(ABC):
             _REGISTERED[cls.name] = cls
 
     @classmethod
+    def untestable(cls, why_not: str, would_help: str, *, covered: bool = False) -> Family:
+        """Family of this effect without members, for data that cannot test it."""
+        return Family(cls.name, (), why_not, would_help, covered=covered)
+
+    @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect for a dataset's robot and conditions; marked as untestable if data are missing."""

@@ -311,10 +311,7 @@ class PoseResiduals(Brief):
         at_mm = error[:, :3] + self.observed.points.xyz_mm
         for k, rows in enumerate(self._setups):
             name = str(self.observed.setup[rows[0]])
-            shift, turn = (
-                motion[6 * k : 6 * k + 3],
-                frames.rotation_from_rotvec(motion[6 * k + 3 : 6 * k + 6]),
-            )
+            shift, turn = (motion[6 * k : 6 * k + 3], frames.rotation_from_rotvec(motion[6 * k + 3 : 6 * k + 6]))
             centre = at_mm[rows].mean(axis=0)
             about_centre = frames.make_transform(turn, centre - turn @ centre + shift)
             moved[name] = about_centre @ placed.scanner_T_base[name]

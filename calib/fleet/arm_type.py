@@ -29,9 +29,8 @@ from calib.effects.effect import Effect
 from calib.errors import CalibError, FitError
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual_kinds import make_residuals
-from calib.options import NEW_ARM_POSES, FitOptions
+from calib.options import NEW_ARM_POSES, FitOptions, TypePrior
 from calib.presented import Presented
-from calib.type_prior import TypePrior
 
 FEWEST_ARMS = 2
 _OF_SETUP = 10  # poses, that tell a setup's frame

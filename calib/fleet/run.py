@@ -112,7 +112,7 @@ def _judged_twice(
 
     def settled(of: Sequence[str], attempt: int) -> Iterator[_Stored | Unchanged | Failure]:
         for index, future in _done(judge, tasks(of), workers):
-            outcome = _outcome(future, of[index], options)
+            outcome = Failure(of[index], _lost(future, options)) if _is_lost(future) else future.result()
             if isinstance(outcome, Judged):
                 kept.store(outcome)
                 yield _Stored(outcome.row.path)
@@ -143,13 +143,6 @@ class _Here(Executor):
         future: Future[Answer] = Future()
         future.set_result(fn(*args, **kwargs))
         return future
-
-
-def _outcome(
-    future: Future[Judged | Unchanged | Failure], path: str, options: FleetOptions
-) -> Judged | Unchanged | Failure:
-    """Result of a task, or a Failure with the reason why the worker gave none."""
-    return Failure(path, _lost(future, options)) if _is_lost(future) else future.result()
 
 
 def _is_lost(future: Future[Answer]) -> bool:

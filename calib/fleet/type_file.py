@@ -13,8 +13,8 @@ from calib.fleet.arm_type import ArmType
 from calib.kinematics.robot import Robot
 from calib.models.effect_fields import member_document, member_from
 from calib.models.model_document import SavedMember
+from calib.options import TypePrior
 from calib.strict_json import JsonFile, Size, SizeOrSign, Text, to_json
-from calib.type_prior import TypePrior
 
 KIND, VERSION = "robot-calibration-inspector type", 1
 

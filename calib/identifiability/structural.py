@@ -170,13 +170,7 @@ def _at_training_poses(
         rows = [pose for pose, _ in pairs]
         of_target = np.array([target for _, target in pairs])
     columns, norms = columns_of(
-        robot,
-        poses.q[rows],
-        poses.setup[rows],
-        residual,
-        frame_known=frame_known,
-        targets=targets,
-        of_target=of_target,
+        robot, poses.q[rows], poses.setup[rows], residual, frame_known=frame_known, targets=targets, of_target=of_target
     )
     if len(columns) < 2:
         raise FitError(

@@ -220,5 +220,5 @@ class _JointResiduals:
         return Linearisation(self._weighed(at.residual[:, None])[:, 0], self._weighed(at.jacobian))
 
     def _weighed(self, rows: Array) -> Array:
-        """Rows (3 M, C) as the split weighs them."""
+        """Residual or Jacobian rows (3 M, C), weighed as means and differences of each place."""
         return self.split.weighed(rows.reshape(-1, 3, rows.shape[1]), self.misfit2).reshape(len(rows), -1)

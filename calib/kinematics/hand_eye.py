@@ -146,8 +146,7 @@ class _Problem:
         by_shift = np.einsum("ms,mij->misj", self.setup, self.rotation)
         by_place = -np.einsum("mt,ij->mitj", self.target, np.eye(3))
         return np.concatenate(
-            [by_shift.reshape(3 * len(self.rotation), -1), by_place.reshape(3 * len(self.rotation), -1)],
-            axis=1,
+            [by_shift.reshape(3 * len(self.rotation), -1), by_place.reshape(3 * len(self.rotation), -1)], axis=1
         )
 
     def best_rotation(self, k: int) -> Array:

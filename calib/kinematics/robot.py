@@ -202,6 +202,11 @@ class Robot(Brief):
         return np.array([joint.is_revolute for joint in self.joints], dtype=bool)
 
     @property
+    def revolute_joints(self) -> list[int]:
+        """Indices of the revolute joints, from 0."""
+        return [j for j, joint in enumerate(self.joints) if joint.is_revolute]
+
+    @property
     def base_T_first(self) -> Array:
         """Transform (4, 4) from the frame that the first row starts from to the base frame."""
         return self.base.transform

@@ -78,11 +78,7 @@ def _plain(value: Any) -> Any:
 
 
 def member_from(
-    file: JsonFile,
-    place: Place,
-    document: Mapping[str, Any],
-    robot: Robot,
-    user_effects: Sequence[Family] = (),
+    file: JsonFile, place: Place, document: Mapping[str, Any], robot: Robot, user_effects: Sequence[Family] = ()
 ) -> Effect:
     """Effect rebuilt from a file's name and fields, for this robot. Raises the file's error where this fails."""
     family, saved = document["family"], document["fields"]

@@ -13,13 +13,7 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
-from calib.calibration.promise import (
-    Discrepancy,
-    FitUncertainty,
-    PointPromise,
-    fit_uncertainty,
-    promised_at_points,
-)
+from calib.calibration.promise import Discrepancy, FitUncertainty, PointPromise, fit_uncertainty, promised_at_points
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
@@ -72,7 +66,7 @@ class FittedModel(Presented):
     sigma: Array  # (P,) inf where nothing bounds the parameter
     options: FitOptions
     scanner_T_base: Mapping[str, Array]
-    """(4, 4) by setup, fitted to the training poses; scanner_T_flange where the arm carries the scanner."""
+    """Transform (4, 4) by setup, fitted to the training poses; scanner_T_flange where the arm carries the scanner."""
     needs: tuple[str, ...]  # columns of poses.csv that a prediction depends on, besides the joints
     before: RoleErrors  # of the nominal robot
     after: RoleErrors

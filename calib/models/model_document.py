@@ -10,9 +10,8 @@ from msgspec import Meta
 
 from calib.dataset.files.origin import SavedOrigin
 from calib.noise_shape import NoiseShape
-from calib.options import FitOptions
+from calib.options import FitOptions, TypePrior
 from calib.strict_json import Finite, Size, SizeOrSign, Text
-from calib.type_prior import TypePrior
 
 KIND, VERSION = "robot-calibration-inspector model", 1
 Row = tuple[Finite, ...]

@@ -120,11 +120,7 @@ def _trained(file: JsonFile, document: ModelDocument, robot: Robot) -> TrainedRa
         return None
     low, high = document.trained.low, document.trained.high
     if not len(low) == len(high) == robot.n_joints or any(a > b for a, b in zip(low, high, strict=True)):
-        file.fail(
-            ["trained"],
-            f"{list(low)} to {list(high)}",
-            f"a range of each of {robot.n_joints} joints is needed",
-        )
+        file.fail(["trained"], f"{list(low)} to {list(high)}", f"a range of each of {robot.n_joints} joints is needed")
     return TrainedRange(low, high)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy import special
@@ -31,6 +32,8 @@ _SURE = 1e-4  # family-wise p-value below which draws are too few, and Bonferron
 _ROUNDING = 1e-6  # share of a movement below which the residuals do not show it
 PER_PARAMETER = 2.5  # chi squared that each parameter of a change has to explain
 DETECTABLE_Z = 3.8 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
+
+Model = TypeVar("Model", bound=ChangeModel)
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,10 @@ class Detectable:
 
 
 @dataclass(frozen=True)
-class ChangeTest:
+class ChangeTest(Generic[Model]):
     """F test of one possible change of a cell against the new residuals."""
 
-    model: ChangeModel
+    model: Model
     gain: float  # chi squared that the change explains
     p_value: float
     basis: Array  # (3 M, K) orthonormal basis of the residuals that the change can make
@@ -80,12 +83,12 @@ class ChangeTest:
         return self.gain - PER_PARAMETER * self.model.count + 2.0 * float(np.log(weight(self.model)))
 
 
-def most_likely(tests: list[ChangeTest]) -> ChangeTest | None:
+def most_likely(tests: Sequence[ChangeTest[Model]]) -> ChangeTest[Model] | None:
     """Test with the highest score: most explained for its number of parameters, with usual changes preferred."""
     return max(tests, key=lambda test: test.score, default=None)
 
 
-def confounded_with(tests: list[ChangeTest], best: ChangeTest) -> tuple[str, ...]:
+def confounded_with(tests: Sequence[ChangeTest[Model]], best: ChangeTest[Model]) -> tuple[str, ...]:
     """Labels of changes that explain about as much as the best one with no more parameters."""
     return tuple(
         change_label(*t.model.key)
@@ -117,7 +120,7 @@ class ChangeTests:
         moved = np.einsum("mij,mjk->mik", self.blocks, model.columns)
         return self.spread.whiten(moved.reshape(len(self.y), -1))
 
-    def _residual_given(self, given: list[ChangeModel]) -> tuple[Array, Array]:
+    def _residual_given(self, given: Sequence[ChangeModel]) -> tuple[Array, Array]:
         """Residual (3 M,) left after fitting the given changes, and an orthonormal basis (3 M, K) of these."""
         basis = np.zeros((len(self.y), 0))
         if given:
@@ -125,9 +128,9 @@ class ChangeTests:
             basis = u[:, s > 1e-9 * s[0]]
         return self.y - basis @ (basis.T @ self.y), basis
 
-    def tests(self, models: tuple[ChangeModel, ...], given: list[ChangeModel] | None = None) -> list[ChangeTest]:
+    def tests(self, models: Sequence[Model], given: Sequence[ChangeModel] = ()) -> list[ChangeTest[Model]]:
         """Test of each possible change, given other changes; changes that these poses do not show are omitted."""
-        residual, basis = self._residual_given(given or [])
+        residual, basis = self._residual_given(given)
         usual = np.sqrt(self.spread.total_weight(self.blocks) / len(self.y))  # weight of a typical movement
         tests = []
         for model in models:
@@ -139,29 +142,29 @@ class ChangeTests:
             free = columns - basis @ (basis.T @ columns)
             u, s, _ = np.linalg.svd(free, full_matrices=False)
             shown = s > 1e-3
-            if not shown.any() or any(model.key == g.key for g in given or []):
+            if not shown.any() or any(model.key == g.key for g in given):
                 continue
             gain = float(np.sum((u[:, shown].T @ residual) ** 2))
             count = float(shown.sum())
             tests.append(ChangeTest(model, gain, f_sf(gain / count, count, self.noise_dof), u[:, shown]))
         return tests
 
-    def family_wise_p_value(self, tests: list[ChangeTest]) -> float:
+    def family_wise_p_value(self, tests: Sequence[ChangeTest[Model]]) -> float:
         """Family-wise p-value of the most significant one of several tests."""
         least = min((test.weighted for test in tests), default=1.0)
         bases, weights = [t.basis for t in tests], [weight(t.model) for t in tests]
         return family_wise_p_value(bases, weights, least, self.noise_dof)
 
-    def dof(self, given: list[ChangeModel]) -> float:
+    def dof(self, given: Sequence[ChangeModel]) -> float:
         """Degrees of freedom of the residual left after fitting the given changes."""
         return float(self.spread.rows - self._residual_given(given)[1].shape[1])
 
-    def noise_ratio(self, given: list[ChangeModel]) -> float:
+    def noise_ratio(self, given: Sequence[ChangeModel]) -> float:
         """Ratio of the noise left after fitting the given changes to the expected noise."""
         residual, basis = self._residual_given(given)
         return float(np.sqrt(residual @ residual / max(self.spread.rows - basis.shape[1], 1)))
 
-    def p_rest(self, given: list[ChangeModel]) -> float:
+    def p_rest(self, given: Sequence[ChangeModel]) -> float:
         """p-value of the residual left after fitting the given changes, under the expected noise."""
         dof = self.dof(given)
         return f_sf(self.noise_ratio(given) ** 2, dof / self.tails, self.noise_dof) if dof >= 1.0 else 1.0
@@ -171,7 +174,7 @@ class ChangeTests:
         """p-value of the residual under the expected noise, where nothing changed."""
         return self.p_rest([])
 
-    def noise_explains(self, given: list[ChangeModel], model: ChangeModel) -> bool:
+    def noise_explains(self, given: Sequence[ChangeModel], model: ChangeModel) -> bool:
         """Whether a change is insignificant against the noise of the new points, given other changes."""
         if self.p_rest([*given, model]) > ALARM:
             return False  # with the change the noise is as before
@@ -181,7 +184,7 @@ class ChangeTests:
         p_value = f_sf(test.gain / count / self.noise_ratio([*given, model]) ** 2, count, dof)
         return p_value > NAMED_GIVEN_OTHERS
 
-    def estimate(self, model: ChangeModel, models: list[ChangeModel]) -> Change:
+    def estimate(self, model: ChangeModel, models: Sequence[ChangeModel]) -> Change:
         """Size and sigma of one of several changes of a cell that are fitted together."""
         columns = np.concatenate([self.rows(k) for k in models], axis=1)
         inverse = np.linalg.pinv(columns, rcond=1e-9)

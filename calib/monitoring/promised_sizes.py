@@ -57,18 +57,15 @@ class PromisedSize:
     rival: Key | None  # what is named in its place or said to be as likely, at sizes somewhat below `alone`
 
 
-def promised_sizes(
-    base: Calibration, check: Dataset, keys: Sequence[Key], *, scanner_moved: bool = False
-) -> tuple[PromisedSize, ...]:
-    """Sizes of changes that a check will find and name, each beside all rivals.
+def promised_sizes(base: Calibration, check: Dataset, keys: Sequence[Key]) -> tuple[PromisedSize, ...]:
+    """Sizes of changes that a check will find and name, each beside all rivals; the scanner stands where it stood.
 
     Args:
         base: the earlier calibration.
         check: check poses with points as predicted; their errors do not count.
         keys: `ChangeModel.key` of the changes asked about.
-        scanner_moved: whether the scanner will be set up anew.
     """
-    cell = CellTests.of(base, check, scanner_moved=scanner_moved)
+    cell = CellTests.of(base, check, scanner_moved=False)
     judge = _Judge.of(cell, np.random.default_rng(0))
     by_key = {model.key: model for model in cell.models}
     return tuple(_promised(judge, by_key[key]) for key in keys if key in by_key)
@@ -122,14 +119,14 @@ def _drawn(count: int) -> Array:
 class _Levels:
     """Tests of one kind at once: bases side by side, and the weighted p-values that pass levels over all of them."""
 
-    tests: tuple[ChangeTest, ...]
+    tests: tuple[ChangeTest[ChangeModel], ...]
     basis: Array  # (3 M, sum K)
     starts: IndexArray  # (T,) first column of each test
     counts: Array  # (T,) K of each
     noise_dof: float
 
     @classmethod
-    def of(cls, tests: Sequence[ChangeTest], noise_dof: float) -> _Levels:
+    def of(cls, tests: Sequence[ChangeTest[ChangeModel]], noise_dof: float) -> _Levels:
         counts = np.array([test.basis.shape[1] for test in tests])
         basis = np.concatenate([test.basis for test in tests], axis=1)
         return cls(tuple(tests), basis, np.cumsum([0, *counts[:-1]]), counts, min(noise_dof, 1e9))
@@ -164,7 +161,7 @@ class _Named:
 
     @property
     def alone(self) -> BoolArray:
-        """(D,) whether it is named, and nothing is said to be as likely."""
+        """Mask (D,): whether it is named, and nothing is said to be as likely."""
         return self.named & ~self.rivals.any(axis=1)
 
 
@@ -205,7 +202,7 @@ class _Judge:
         return tests.spread.whiten(self.coloured.T).T + vector @ tests.rows(model).T
 
     def alarms(self, model: ChangeModel, vector: Array) -> BoolArray:
-        """(D,) whether each check would alarm."""
+        """Mask (D,): whether each check would alarm."""
         known = self.cell.scanner_known
         y = self._whitened(self.cell.fixed if known else self.cell.free, model, vector)
         return np.asarray(((self.fixed if known else self.free).gains(y) >= self.alarm).any(axis=1))
@@ -230,7 +227,7 @@ class _Judge:
         return _Named((best == own) & sure & self.alarms(model, vector), rivals)
 
     def _explains_alone(self, model: ChangeModel, vector: Array) -> BoolArray:
-        """(D,) whether the change leaves no significant motion of the scanner."""
+        """Mask (D,): whether the change leaves no significant motion of the scanner."""
         if not self.cell.scanner_known:
             return np.zeros(len(self.coloured), dtype=bool)
         motion = self.cell.fixed.tests((self.cell.scanner,), given=[model])

@@ -10,48 +10,29 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array
 from calib.calibration.calibrate import as_calibration
 from calib.calibration.result import FittedResult
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.measurement.measured_dataset import measured
-from calib.monitoring.cell import scanner_motion
-from calib.monitoring.change_models import LARGEST_BY_UNIT, SCANNER, ChangeModel, change_label
-from calib.monitoring.change_tests import (
-    ALARM,
-    ALONE,
-    CONFOUNDED,
-    NAMED,
-    USUAL,
-    Change,
-    ChangeTest,
-    ChangeTests,
-)
+from calib.monitoring.change_models import SCANNER
+from calib.monitoring.change_tests import ALARM, USUAL, Change
 from calib.monitoring.check_points import CheckPoints, Expectation
 from calib.monitoring.control_chart import date_of
+from calib.monitoring.courses import DRIFT, CourseSearch, TimedModel, stacked
 from calib.presented import Presented
 
-DRIFT, STEP = "drift", "step"
 FEWEST_CHECKS = 3
 EWMA_WEIGHT = 0.3  # of the latest check in the moving average
 _DRAWS = 10_000  # of an unchanged cell, for the limit of the moving averages
 _DAY_S = 86400.0
 _Z_95 = 1.645  # one-sided; of both sides 90 %
-
-
-@dataclass(frozen=True)
-class TimedModel(ChangeModel):
-    """Model of a change of a cell with its course over a series of checks."""
-
-    course: str  # DRIFT, STEP
-    onset: int  # index of the first check with the step; 0 for a drift
-    places: int  # number of onsets that are tried for this course
 
 
 @dataclass(frozen=True)
@@ -68,7 +49,7 @@ class MovingAverage:
 
     @property
     def z(self) -> Array:
-        """(S,) the moving average over its sigma."""
+        """Moving average (S,) over its sigma."""
         return self.smoothed / self.smoothed_sigmas
 
 
@@ -161,21 +142,18 @@ def watch_series(
     expected = Expectation.of(base, points, scanner_moved=scanner_moved)
 
     @cache
-    def up_to(count: int) -> _Search:
-        return _Search.of(points[:count], times[:count], expected)
+    def up_to(count: int) -> CourseSearch:
+        return CourseSearch.of(points[:count], times[:count], expected)
 
     now = up_to(len(points))
     best, p_unchanged = now.most_likely(), now.p_unchanged
     change = None if best is None else now.estimate(best)
-    alarmed = _since(len(points), lambda count: up_to(count).p_unchanged < ALARM)
-    same = None if best is None else best.model.key
-    named = (
-        None
-        if best is None
-        else _since(len(points), lambda count: (b := up_to(count).most_likely()) is not None and b.model.key == same)
-    )
     model = None if best is None else best.model
-    assert model is None or isinstance(model, TimedModel)
+
+    def names_it(count: int) -> bool:
+        found = up_to(count).most_likely()
+        return found is not None and model is not None and found.model.key == model.key
+
     averages, limit_z = _moving_averages(now)
     return SeriesReport(
         names=tuple(dataset.name for dataset in new),
@@ -188,8 +166,8 @@ def watch_series(
         onset=0 if model is None else model.onset,
         either_course=best is not None and now.has_other_course(best),
         p_unchanged=p_unchanged,
-        alarmed=alarmed,
-        named=named,
+        alarmed=_since(len(points), lambda count: up_to(count).p_unchanged < ALARM),
+        named=_since(len(points), names_it),
         averages=averages,
         limit_z=limit_z,
         time_left=None if tolerance_mm is None else _time_left(now, model, change, tolerance_mm),
@@ -212,127 +190,10 @@ def _times(calibrated: datetime | None, dated: list[datetime], count: int) -> tu
     return days + (dated[0] - calibrated).total_seconds() / _DAY_S, "day", True
 
 
-# ---- the search for one change --------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Search:
-    """Tests of all courses of all changes by the checks of a series."""
-
-    checks: Sequence[CheckPoints]
-    times: Array  # (S,)
-    row: IndexArray  # (M,) index of each point's check
-    expected: Expectation
-    fixed: ChangeTests
-    free: ChangeTests
-    models: tuple[TimedModel, ...]  # of the arm
-    scanner: tuple[TimedModel, ...]  # of the scanner; none where its earlier station is unknown
-    of_arm: tuple[ChangeTest, ...]  # with the scanner's frame free in each check
-    of_all: tuple[ChangeTest, ...]  # with the scanner where it was; where that is unknown, `of_arm`
-
-    @classmethod
-    def of(cls, checks: Sequence[CheckPoints], times: Array, expected: Expectation) -> _Search:
-        """Tests of a series, each change with each of its courses."""
-        fixed, free = expected.tests(checks)
-        row = np.repeat(np.arange(len(checks)), [len(check.at_mm) for check in checks])
-        models = tuple(t for m in _stacked([check.models for check in checks]) for t in _timed(m, times, row))
-        scanner: tuple[TimedModel, ...] = ()
-        before = expected.before_T_base
-        if before is not None:
-            motions = [(scanner_motion(check, before, expected.prior.centre_mm),) for check in checks]
-            scanner = tuple(t for m in _stacked(motions) for t in _timed(m, times, row))
-        of_arm = tuple(free.tests(models))
-        of_all = tuple(fixed.tests((*models, *scanner))) if scanner else of_arm
-        return cls(checks, times, row, expected, fixed, free, models, scanner, of_arm, of_all)
-
-    @cached_property
-    def p_unchanged(self) -> float:
-        """Family-wise p-value of the most significant course of any change, where nothing changed."""
-        return (self.fixed if self.scanner else self.free).family_wise_p_value(list(self.of_all))
-
-    def most_likely(self) -> ChangeTest | None:
-        """Most likely change with its course; of the arm only where a moved scanner does not explain it; None: none."""
-        if self.p_unchanged > ALARM:
-            return None
-        arm = _best(self.of_arm)
-        if arm is not None and self.free.family_wise_p_value(list(self.of_arm)) < NAMED and self._is_possible(arm):
-            return arm
-        best = _best(self.of_all)
-        return best if best is not None and self._is_possible(best) else None
-
-    def _is_possible(self, test: ChangeTest) -> bool:
-        """Whether a change's size, at the last check, is one that a part can have."""
-        change, model = self._raw_estimate(test), test.model
-        assert isinstance(model, TimedModel)
-        largest = abs(change.size) * (self.times[-1] if model.course == DRIFT else 1.0)
-        return bool(largest <= LARGEST_BY_UNIT[change.unit])
-
-    def _raw_estimate(self, test: ChangeTest) -> Change:
-        alone = next(iter(self.fixed.tests(self.scanner, given=[test.model])), None)
-        at_rest = bool(self.scanner) and (alone is None or alone.p_value > ALONE)
-        tests = self.fixed if at_rest or test.model.what == SCANNER else self.free
-        return tests.estimate(test.model, [test.model])
-
-    def estimate(self, best: ChangeTest) -> Change:
-        """Size of the most likely change, with its rivals."""
-        scanner_free = any(best is test for test in self.of_arm)
-        tests = self.of_arm if scanner_free else self.of_all
-        rivals = [
-            change_label(*test.model.key)
-            for test in tests
-            if test.model.key != best.model.key and _score(test) > _score(best) - CONFOUNDED and test.p_value < ALARM
-        ]
-        p_value = (self.free if scanner_free else self.fixed).family_wise_p_value(list(tests))
-        return replace(self._raw_estimate(best), p_value=p_value, as_well=tuple(dict.fromkeys(rivals)))
-
-    def has_other_course(self, best: ChangeTest) -> bool:
-        """Whether the same part's other course explains about as much."""
-        assert isinstance(best.model, TimedModel)
-        course = best.model.course
-        return any(
-            isinstance(test.model, TimedModel)
-            and test.model.course != course
-            and test.model.key == best.model.key
-            and _score(test) > _score(best) - CONFOUNDED
-            for test in (*self.of_arm, *self.of_all)
-        )
-
-
-def _best(tests: Sequence[ChangeTest]) -> ChangeTest | None:
-    return max(tests, key=_score, default=None)
-
-
-def _score(test: ChangeTest) -> float:
-    """Twice the log odds of a change with its course, each onset of a step being as likely, up to a constant."""
-    assert isinstance(test.model, TimedModel)
-    return test.score - 2.0 * float(np.log(test.model.places))
-
-
-def _stacked(of_checks: Sequence[Sequence[ChangeModel]]) -> list[ChangeModel]:
-    """Change models of the points of all checks together; those that some check does not have are left out."""
-    by_key = [{model.key: model for model in models} for models in of_checks]
-    common = [model for model in of_checks[0] if all(model.key in models for models in by_key)]
-    return [replace(m, columns=np.concatenate([models[m.key].columns for models in by_key])) for m in common]
-
-
-def _timed(model: ChangeModel, times: Array, row: IndexArray) -> list[TimedModel]:
-    """A change with each of its courses: a drift since the calibration; if it is usual, a step before each check."""
-
-    def of(course: str, onset: int, factor: Array, places: int) -> TimedModel:
-        columns = model.columns * factor[row][:, None, None]
-        return TimedModel(model.what, model.joint, model.parameter, model.unit, columns, course, onset, places)
-
-    steps = range(len(times)) if model.what in USUAL else ()
-    return [
-        of(DRIFT, 0, times, 1),
-        *(of(STEP, k, (np.arange(len(times)) >= k).astype(float), len(times)) for k in steps),
-    ]
-
-
 def _since(count: int, holds: Callable[[int], bool]) -> int | None:
-    """Index of the check since which a statement holds without a break, each time by the first checks; None: never.
+    """Index of the check from which on a series up to each check `holds` to the end; None where it never does.
 
-    `holds` takes the number of the first checks.
+    `holds` takes the number of checks of such a series.
     """
     since = None
     for k in range(count, 0, -1):
@@ -345,17 +206,17 @@ def _since(count: int, holds: Callable[[int], bool]) -> int | None:
 # ---- the chart ------------------------------------------------------------------------------------------------------
 
 
-def _moving_averages(search: _Search) -> tuple[tuple[MovingAverage, ...], float]:
+def _moving_averages(search: CourseSearch) -> tuple[tuple[MovingAverage, ...], float]:
     """Moving averages of the size of each joint's zero and of each axis of the tool, and the limit for all of them.
 
     The limit comes from draws of unchanged cells, whose checks share the errors of the earlier fit.
     """
     count = len(search.times)
-    tests = search.fixed if search.scanner else search.free
+    tests = search.tests
     weights = EWMA_WEIGHT * (1.0 - EWMA_WEIGHT) ** np.subtract.outer(np.arange(count), np.arange(count)).clip(0)
     weights = np.tril(weights)
     averages, maps = [], []
-    for model in _stacked([check.models for check in search.checks]):
+    for model in stacked([check.models for check in search.checks]):
         if model.what not in USUAL:
             continue
         for axis in range(model.count):
@@ -388,7 +249,7 @@ def _moving_averages(search: _Search) -> tuple[tuple[MovingAverage, ...], float]
 # ---- the tolerance --------------------------------------------------------------------------------------------------
 
 
-def _time_left(search: _Search, model: TimedModel | None, change: Change | None, tolerance_mm: float) -> TimeLeft:
+def _time_left(search: CourseSearch, model: TimedModel | None, change: Change | None, tolerance_mm: float) -> TimeLeft:
     """Time until change and promise together reach a tolerance, by the drift found, or by the fastest not excluded."""
     now = float(search.times[-1])
     spread = search.fixed.spread
@@ -419,9 +280,9 @@ def _time_left(search: _Search, model: TimedModel | None, change: Change | None,
     return TimeLeft(tolerance_mm, error_mm, reached(per_time_mm), reached(fast), reached(slow))
 
 
-def _fastest_mm(search: _Search, model: TimedModel) -> float:
+def _fastest_mm(search: CourseSearch, model: TimedModel) -> float:
     """Fastest motion of the points per unit of time by a drift that the checks do not exclude at 95 %; 0: not shown."""
-    tests = search.fixed if search.scanner else search.free
+    tests = search.tests
     if model.what not in USUAL or not tests.tests((model,)):
         return 0.0
     change = tests.estimate(model, [model])

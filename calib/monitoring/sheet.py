@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.consistency.agreement import points_of_poses, training_sample
 from calib.consistency.data_problem import DataProblem, is_beyond_effects
@@ -76,7 +75,7 @@ def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iter
         yield from of_units(base.robot, sample)
     yield from of_shifts(new)
     poses, points_mm = points_of_poses(new)
-    at_mm = _predicted_mm(base, new)
+    at_mm = predict_points(base.model, base.fit.x, _observed(base, new))
     assert new.points is not None
     first = [int(np.flatnonzero(new.points.pose == pose)[0]) for pose in poses]
     if len(np.unique(new.points.target)) == 1:
@@ -90,11 +89,6 @@ def _observed(base: Calibration, new: Dataset) -> Observations:
     later = replace(new, poses=new.poses.measured_later())
     observed = Observations.of(later, np.ones(len(new.poses), dtype=bool))
     return with_nominal_scanner_frames(observed, base.model.placed_robot)
-
-
-def _predicted_mm(base: Calibration, new: Dataset) -> Array:
-    """Points (M, 3) predicted by the earlier fit, mm in the base frame."""
-    return predict_points(base.model, base.fit.x, _observed(base, new))
 
 
 def _rmse_mm(base: Calibration, new: Dataset) -> float | None:

@@ -41,19 +41,14 @@ class ClusterTolerances:
 
 
 def process_1(normal: Array, normals: Array, parallel_rad: float) -> BoolArray:
-    """(K,) whether sets' normals (K, 3) are parallel to the group's: n . n_k >= cos(tolerance)."""
+    """Mask (K,): whether sets' normals (K, 3) are parallel to the group's: n . n_k >= cos(tolerance)."""
     return normals @ normal >= np.cos(parallel_rad)
 
 
 def process_2(
-    centre_mm: Array,
-    normal: Array,
-    centroids_mm: Array,
-    normals: Array,
-    in_plane_rad: float,
-    height_mm: float,
+    centre_mm: Array, normal: Array, centroids_mm: Array, normals: Array, in_plane_rad: float, height_mm: float
 ) -> BoolArray:
-    """(K,) whether the vector v from the group's centre to each set's centroid is perpendicular to both normals.
+    """Mask (K,): whether the vector v from the group's centre to each set's centroid is perpendicular to both normals.
 
     |v . n| <= |v| sin(tolerance), and alike for the set's own normal. Over a short distance the noise of the centres
     alone tilts v, so a height below `height_mm` always passes.
@@ -64,7 +59,7 @@ def process_2(
 
 
 def process_3(centre_mm: Array, normal: Array, centroids_mm: Array, height_mm: float) -> BoolArray:
-    """(K,) whether the height difference h = |n . (c_k - c)| (eq 1) of sets' centroids (K, 3) is within `height_mm`."""
+    """Mask (K,): the height difference h = |n . (c_k - c)| (eq 1) of sets' centroids (K, 3) is within `height_mm`."""
     return np.abs((centroids_mm - centre_mm) @ normal) <= height_mm
 
 
@@ -148,7 +143,7 @@ def off_planes(
     normals: Array | None = None,
     parallel_rad: float = np.pi,
 ) -> BoolArray:
-    """(V,) whether points (V, 3) lie on none of the groups' planes.
+    """Mask (V,): whether points (V, 3) lie on none of the groups' planes.
 
     With normals (V, 3), a plane counts only for points whose own normal is parallel to its normal.
     """

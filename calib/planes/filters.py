@@ -88,20 +88,20 @@ def walk_for(distance_mm: float, step_mm: float) -> int:
 
 
 def filter_1(points_mm: Array, distance_mm: tuple[float, float]) -> BoolArray:
-    """(M,) whether all distances of a set's points (M, 4, 3) from its centroid lie inside the range."""
+    """Mask (M,): whether all distances of a set's points (M, 4, 3) from its centroid lie inside the range."""
     distance = _length(points_mm - _middle(points_mm)[:, None])
     return np.all((distance >= distance_mm[0]) & (distance <= distance_mm[1]), axis=1)
 
 
 def filter_2(point_normals: Array, tolerance_rad: float) -> BoolArray:
-    """(M,) whether the own normals (M, 4, 3) of a set's points agree pairwise: n_i . n_j >= cos(tolerance)."""
+    """Mask (M,): whether the own normals (M, 4, 3) of a set's points agree pairwise: n_i . n_j >= cos(tolerance)."""
     gram = np.matmul(point_normals, point_normals.transpose(0, 2, 1))
     least = np.min([gram[:, i, j] for i, j in _PAIRS], axis=0)
     return least >= np.cos(tolerance_rad)
 
 
 def filter_3(triangles: Array, point_normals: Array, tolerance_rad: float) -> BoolArray:
-    """(M,) whether all four triangles' normals agree with the mean of the point normals: |t_i . n| >= cos(tolerance).
+    """Mask (M,): all four triangles' normals agree with the mean of the point normals: |t_i . n| >= cos(tolerance).
 
     Rejects points on two parallel faces, whose own normals agree. triangles, point_normals  # (M, 4, 3) unit.
     """

@@ -69,7 +69,7 @@ class PlaneAxes(Protocol):
 
 
 def height_lever(planes: Sequence[PlaneAxes], point_mm: Array) -> Array:
-    """(3, 9) matrix that converts the heights, mm, and slopes, rad, of three planes to their heights at a point, mm."""
+    """Matrix (3, 9) that converts the heights, mm, and slopes, rad, of three planes to their heights at a point, mm."""
     lever = np.zeros((3, 9))
     for i, plane in enumerate(planes):
         lever[i, 3 * i : 3 * i + 3] = 1.0, *(plane.axes @ (point_mm - plane.centre_mm))
@@ -122,15 +122,7 @@ def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset
     slope = float(np.mean(root * (5 * root - 4)))
     psi = weights * heights[inlier]
     return PlaneFit(
-        turned,
-        float(offset),
-        centre,
-        _across(turned, kept, weights),
-        indices[inlier],
-        kept,
-        psi,
-        slope,
-        sigma,
+        turned, float(offset), centre, _across(turned, kept, weights), indices[inlier], kept, psi, slope, sigma
     )
 
 

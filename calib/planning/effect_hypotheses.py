@@ -54,11 +54,7 @@ class EffectHypothesis:
     def of(cls, candidate: Candidate) -> EffectHypothesis:
         """Hypothesis that a candidate of a screening is the cause."""
         return cls(
-            candidate.name,
-            candidate.members,
-            candidate.prior_sigmas,
-            candidate.log_evidence,
-            candidate.explained_share,
+            candidate.name, candidate.members, candidate.prior_sigmas, candidate.log_evidence, candidate.explained_share
         )
 
     @property
@@ -308,13 +304,7 @@ class _NewRows:
                 block[rows, :, 6 * k : 6 * k + 6] = frame_motion(at_mm[rows], middle_mm) / sigma_mm * _FRAME
             by_frame.append(block)
         return cls(
-            np.concatenate(by_x, axis=1),
-            np.concatenate(by_frame, axis=1),
-            by_state,
-            projected,
-            poses,
-            seen,
-            sigma_mm,
+            np.concatenate(by_x, axis=1), np.concatenate(by_frame, axis=1), by_state, projected, poses, seen, sigma_mm
         )
 
     def common(self, common: BoolArray) -> Array:

@@ -26,7 +26,6 @@ class Choice:
     rows: IndexArray  # (count,) indices of candidates, the most informative first
     log_value: float  # mean over the questions of the log of their measures
     greedy_log_values: tuple[float, ...]  # (count,) `log_value` with the first 1, 2, ... poses, before any exchange
-    exchanges: int
 
 
 @one_blas_thread()
@@ -58,9 +57,9 @@ def best_poses(
         chosen.append(best)
         free[best] = False
     value = search.value(informations)
-    exchanges = 0
+    exchanged = False
     for _ in range(_SWEEPS if exchange else 0):
-        before = exchanges
+        before = value
         for k, given_up in enumerate(chosen):
             search.add(informations, given_up, -1.0)
             free[given_up] = True
@@ -68,16 +67,16 @@ def best_poses(
             if with_best > value - _GAIN:
                 best = given_up
             else:
-                value, exchanges = with_best, exchanges + 1
+                value, exchanged = with_best, True
             search.add(informations, best, 1.0)
             free[best] = False
             chosen[k] = best
-        if exchanges == before:
+        if value == before:
             break
         # Sums of many changes collect rounding.
         informations = [_information(question, chosen) for question in questions]
-    rows = _ranked(questions, chosen) if exchanges else np.array(chosen, dtype=np.int64)
-    return Choice(rows, value, tuple(greedy), exchanges)
+    rows = _ranked(questions, chosen) if exchanged else np.array(chosen, dtype=np.int64)
+    return Choice(rows, value, tuple(greedy))
 
 
 def _information(question: Question, chosen: Sequence[int]) -> Array:

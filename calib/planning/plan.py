@@ -69,7 +69,7 @@ class BoxRegion:
         return "the box " + ", ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in sides) + " mm"
 
     def contains(self, points_mm: Array) -> BoolArray:
-        """(N,) whether points (N, 3), mm in the base frame, are in the box."""
+        """Mask (N,): whether points (N, 3), mm in the base frame, are in the box."""
         return np.asarray(np.all((points_mm >= self.min_mm) & (points_mm <= self.max_mm), axis=1))
 
 

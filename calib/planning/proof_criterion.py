@@ -46,10 +46,7 @@ class ForProof(BaseCriterion):
         if change.condition != APPROACH and change.before is not None:
             usual[change.condition] = np.full(n, change.before)
         offered = replace(
-            offered,
-            payload_kg=usual["payload_kg"],
-            temperature_c=usual["temperature_c"],
-            approach=usual["approach"],
+            offered, payload_kg=usual["payload_kg"], temperature_c=usual["temperature_c"], approach=usual["approach"]
         )
         return joined_poses(self.chosen.poses, offered)
 

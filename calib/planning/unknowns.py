@@ -106,10 +106,7 @@ class Unknowns:
 
 
 def unknowns_of_fit(
-    calibration: Calibration,
-    *,
-    effects: Sequence[Effect] = (),
-    scanner_T_base: Mapping[str, Array] | None = None,
+    calibration: Calibration, *, effects: Sequence[Effect] = (), scanner_T_base: Mapping[str, Array] | None = None
 ) -> Unknowns:
     """Unknowns of a fit, and coefficients of further effects with a prior of zero within their usual size.
 
@@ -158,7 +155,6 @@ def unknowns_of_robot(
     effects: Sequence[Effect] = (),
     tolerances: Mapping[str, float] | None = None,
     fixed: Sequence[str] = (),
-    setup: str = "",
 ) -> Unknowns:
     """Unknowns of an arm that was never measured: its table within tolerances, the scanner's frame unknown."""
     if not 0.0 < noise_mm < np.inf:
@@ -167,7 +163,7 @@ def unknowns_of_robot(
     return _before_measuring(
         model,
         np.zeros(len(model.parameters)),
-        {setup: frames.invert(base_T_scanner)},
+        {"": frames.invert(base_T_scanner)},
         covariance_mm2=noise_mm**2 * np.eye(3),
         targets=("jig",),
         noise_shape=None,

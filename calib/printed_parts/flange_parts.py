@@ -17,17 +17,7 @@ from calib.errors import PartError
 from calib.jig import Jig, jig_geometry
 from calib.printed_parts.bolt_circle import STANDARD, BoltCircle, bolt_circle
 from calib.printed_parts.part import SIDES, WALL_MM, NamedPoint, PrintedPart, require_size
-from calib.printed_parts.solid import (
-    at_height,
-    bore,
-    circle,
-    fan,
-    floor,
-    reversed_sides,
-    solid_of,
-    triangle_loop,
-    wall,
-)
+from calib.printed_parts.solid import at_height, bore, circle, fan, floor, reversed_sides, solid_of, triangle_loop, wall
 
 _KEY_MM = 10.0  # free height above a bolt's head, for the head of a ball-ended key
 _LEAST_NECK_MM = 6.0  # radius

@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from calib.errors import PartError
 from calib.printed_parts.solid import Solid
-from calib.printed_parts.stl import binary_stl
 
 WALL_MM = 1.6
 """Least wall between a hole and whatever is beside it: four lines of a common 0.4 mm nozzle."""
@@ -46,3 +47,22 @@ def require_size(name: str, value_mm: float, least_mm: float, most_mm: float = _
     """Raise PartError where a size is no number or out of the range that can be printed."""
     if not math.isfinite(value_mm) or not least_mm <= value_mm <= most_mm:
         raise PartError(f"{name}: found {value_mm:g} mm; {least_mm:g} to {most_mm:g} mm can be printed")
+
+
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("free", "<u2")])
+_HEADER = 80  # bytes
+
+
+def binary_stl(solid: Solid, name: str) -> bytes:
+    """A solid as binary STL, mm; the header is `name` in ASCII, cut to 80 bytes.
+
+    Then the number of triangles, and of each its normal, three corners and two free bytes, little-endian (3D Systems,
+    *StereoLithography Interface Specification*). The form has no unit; slicing programs take millimetres.
+    """
+    corners = solid.triangles_mm
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    rows = np.zeros(len(corners), dtype=_TRIANGLE)
+    rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    rows["corners"] = corners
+    header = name.encode("ascii", errors="replace")[:_HEADER].ljust(_HEADER)
+    return header + np.uint32(len(rows)).astype("<u4").tobytes() + rows.tobytes()

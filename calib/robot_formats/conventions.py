@@ -89,12 +89,7 @@ def as_modified(robot: Robot) -> Robot | None:
         way = tilt @ across @ row_transform((0.0, 0.0, joint.d_mm, joint.theta_rad, 0.0))
         joints.append(
             ChainJoint(
-                joint.name,
-                before @ way,
-                type=joint.type,
-                min=joint.min,
-                max=joint.max,
-                gear_ratio=joint.gear_ratio,
+                joint.name, before @ way, type=joint.type, min=joint.min, max=joint.max, gear_ratio=joint.gear_ratio
             )
         )
         before = np.eye(4)

@@ -12,7 +12,6 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.frames import apply, invert, make_transform
-from calib.kinematics.robot import Vector
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 
 _FURTHEST_M = 1e6  # from the world, as of a URDF's numbers
@@ -212,7 +211,7 @@ class _Arm:
             min=low if limited else None,
             max=high if limited else None,
             mass_kg=mass_kg,
-            com_mm=_nothing_without_mass((cx, cy, cz), mass_kg),
+            com_mm=(cx, cy, cz) if mass_kg else (0.0, 0.0, 0.0),
         )
 
     def _carried(self, way: list[int], numbers: list[int], k: int) -> tuple[float, Array]:
@@ -231,7 +230,3 @@ class _Arm:
         total = float(mass.sum())
         centre = (mass[:, None] * self._data.xipos[rows]).sum(axis=0) / total if total else np.zeros(3)
         return total, 1e3 * centre
-
-
-def _nothing_without_mass(com_mm: Vector, mass_kg: float) -> Vector:
-    return com_mm if mass_kg else (0.0, 0.0, 0.0)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.errors import visible
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
 from calib.robot_formats.urdf.text import GYRATION_M, TOOL_POINT_LINK, numbers
 
 _TIP_SITE = "attachment_site"  # as the models of MuJoCo's menagerie name it
 
 
-def plain_mjcf(chain: SerialChain, comment: str = "") -> str:
+def plain_mjcf(chain: SerialChain) -> str:
     """A MuJoCo model of the chain's links and joints. Raises RobotFileError where names would be the same.
 
     A joint is at the origin of its body, whose pose is `before_T_joint`; angles are radians, lengths metres. Bodies
@@ -26,8 +25,6 @@ def plain_mjcf(chain: SerialChain, comment: str = "") -> str:
         raise RobotFileError(f"robot {chain.name}: its joints have the same names; a MuJoCo model needs one for each")
     gravity = numbers(np.array(chain.gravity_m_s2))
     lines = [f"<mujoco model={quoteattr(chain.name)}>"]
-    if comment:
-        lines.append(f"  <!-- {escape(visible(comment).replace('--', '- -'))} -->")
     lines += [
         '  <compiler angle="radian" autolimits="true" boundmass="1e-3" boundinertia="1e-6"/>',
         f'  <option gravity="{gravity}"/>',

@@ -76,11 +76,7 @@ RESERVED = frozenset(
 
 
 JOINTS = 6  # that a joint position of these languages holds
-LONGEST = {
-    ".script": 64,
-    ".dat": 24,
-    ".mod": 32,
-}  # characters of a name: KRL 24, RAPID 32; URScript tells no limit
+LONGEST = {".script": 64, ".dat": 24, ".mod": 32}  # characters of a name: KRL 24, RAPID 32; URScript tells no limit
 LANGUAGES = {".script": "URScript", ".dat": "KRL", ".mod": "RAPID"}
 _COMMENT = {".script": "#", ".dat": ";", ".mod": "!"}
 

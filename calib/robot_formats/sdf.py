@@ -15,7 +15,6 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from calib.array_types import Array
-from calib.errors import visible
 from calib.frames import invert, make_transform, rotation_from_rpy, rpy_from_rotation
 from calib.kinematics.robot import Vector
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
@@ -263,7 +262,7 @@ def _version(text: str) -> tuple[int, int]:
     return (int(found[1]), int(found[2])) if found else (1, 7)
 
 
-def plain_sdf(chain: SerialChain, comment: str = "") -> str:
+def plain_sdf(chain: SerialChain) -> str:
     """An SDF model of the chain's links and joints. Raises RobotFileError where names would be the same."""
     names = [joint.name for joint in chain.joints]
     base, tip = chain.base or "base_link", chain.tip or "tool0"
@@ -273,8 +272,6 @@ def plain_sdf(chain: SerialChain, comment: str = "") -> str:
         raise RobotFileError(f"robot {chain.name}: its joints have the same names; an SDF needs one for each")
     stands = standing(chain)
     lines = ['<?xml version="1.0"?>', '<sdf version="1.9">', f"  <model name={quoteattr(chain.name)}>"]
-    if comment:
-        lines.append(f"    <!-- {escape(visible(comment).replace('--', '- -'))} -->")
     if stands is not None:
         lines.append(f"    <pose>{_pose_text(stands)}</pose>")
     lines.append(f"    <link name={quoteattr(base)}/>")

@@ -34,8 +34,7 @@ _LENGTHS = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
 _SAME_AXIS_MM, _SAME_AXIS_RAD = 1e-6, 1e-9
 _MOST = 1e6
 _OF_PI = re.compile(  # as makers print angles: π/2, -π/2, pi, 3pi/4, 0.5*pi
-    r"(?P<sign>[+-]?)(?P<times>\d{0,9}\.?\d{0,9})\s?\*?\s?(?:π|pi)(?:\s?/\s?(?P<by>\d{1,9}))?",
-    re.I | re.ASCII,
+    r"(?P<sign>[+-]?)(?P<times>\d{0,9}\.?\d{0,9})\s?\*?\s?(?:π|pi)(?:\s?/\s?(?P<by>\d{1,9}))?", re.I | re.ASCII
 )
 
 
@@ -133,8 +132,7 @@ class _Table:
         out = out * units[unit]
         if np.abs(out).max() > _MOST:
             self.fail(
-                int(np.abs(out).argmax()),
-                f"column {name}: {out[np.abs(out).argmax()]:g} is beyond {_MOST:g} mm or rad",
+                int(np.abs(out).argmax()), f"column {name}: {out[np.abs(out).argmax()]:g} is beyond {_MOST:g} mm or rad"
             )
         return out
 

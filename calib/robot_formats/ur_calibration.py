@@ -35,14 +35,7 @@ MODELS: dict[str, tuple[float, float, float, float, float, float]] = {
 }
 MODELS |= {"ur7e": MODELS["ur5e"], "ur12e": MODELS["ur10e"]}  # the same arms with more payload
 _ALPHA = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
-_NAMES = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
+_NAMES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 _LISTS = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
 _LINE = re.compile(r"\s*(?P<key>\w+)\s*=\s*\[(?P<values>[^\]]*)\]\s*$")
 _FAR_MM = 50.0  # real arms are off by a few

@@ -126,7 +126,7 @@ def _content(path: Path) -> bytes:
 
 
 def _with_value(points: Array) -> BoolArray:
-    """(N,) whether a row of points (N, 3) is a measured point, not a value that marks a missing measurement."""
+    """Mask (N,): whether a row of points (N, 3) is a measured point, not a value that marks a missing measurement."""
     usable = np.all(np.abs(points) < _BEYOND_ANY_LENGTH_MM, axis=1)  # NaN is not below it either
     at_scanner = np.all(points == 0, axis=1)
     if np.count_nonzero(at_scanner) > 1:

@@ -201,11 +201,7 @@ def _overlaps(tested: Sequence[VisibleColumns], evidence: Sequence[Evidence]) ->
 
 
 def _candidate(
-    projected: ProjectedResidual,
-    visible: VisibleColumns,
-    evidence: Evidence,
-    p_holm: float,
-    overlaps: dict[str, float],
+    projected: ProjectedResidual, visible: VisibleColumns, evidence: Evidence, p_holm: float, overlaps: dict[str, float]
 ) -> Candidate:
     family, groups = visible.family, visible.groups
     active = [i for i in np.flatnonzero(evidence.scales).tolist() if np.any(groups[i])]

@@ -166,13 +166,7 @@ def _gate(y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]],
 
 
 def _best_scale(
-    y: Array,
-    rest: float,
-    triangle: Array,
-    spread: Array,
-    chosen: BoolArray,
-    bounds: list[tuple[int, int]],
-    dof: int,
+    y: Array, rest: float, triangle: Array, spread: Array, chosen: BoolArray, bounds: list[tuple[int, int]], dof: int
 ) -> tuple[float, float]:
     """Highest log evidence over one common prior scale of the chosen members, and that scale; others are fixed."""
     of = np.repeat(chosen, [b - a for a, b in bounds])

@@ -128,11 +128,7 @@ def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
             for com_mm in _shifted(joint.com_mm or (0.0, 0.0, 0.0)):
                 yield _with_joint(robot, k, replace(joint, com_mm=com_mm)), poses
     tool = robot.tool
-    tool_point_mm = (
-        tool.a_mm * float(np.cos(tool.theta_rad)),
-        tool.a_mm * float(np.sin(tool.theta_rad)),
-        tool.d_mm,
-    )
+    tool_point_mm = (tool.a_mm * float(np.cos(tool.theta_rad)), tool.a_mm * float(np.sin(tool.theta_rad)), tool.d_mm)
     mass_kg = (1.0 + MASS_SHARE) * (tool.mass_kg or 0.0) + UNLISTED_KG
     hangs_at_mm = tool.com_mm if tool.mass_kg else tool_point_mm
     yield replace(robot, tool=replace(tool, mass_kg=mass_kg, com_mm=hangs_at_mm)), poses

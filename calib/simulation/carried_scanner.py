@@ -102,11 +102,7 @@ def _poses_in_view(
     apex_mm = JANG_FIELD.draw(_BATCH, rng)  # scanner frame
     axis = tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), _MAX_TILT_DEG, rng)
     goals = ViewGoals(
-        robot,
-        apply(flange_T_scanner, apex_mm),
-        axis @ flange_T_scanner[:3, :3].T,
-        base_T_jig[:3, 3],
-        base_T_jig[:3, 2],
+        robot, apply(flange_T_scanner, apex_mm), axis @ flange_T_scanner[:3, :3].T, base_T_jig[:3, 3], base_T_jig[:3, 2]
     )
     start = random_poses(robot, _BATCH, rng=rng)
     anywhere = np.full_like(start, np.inf)

@@ -127,9 +127,7 @@ def _declared_noise(noise_mm: float | None, model: ScanModel | None, orientation
     scanner = replace(scanner, scan_sigma_mm=model.scan_sigma_mm or None)
     if model.correlated_sigma_mm > 0:
         scanner = replace(
-            scanner,
-            correlated_sigma_mm=model.correlated_sigma_mm,
-            correlation_length_mm=model.correlation_length_mm,
+            scanner, correlated_sigma_mm=model.correlated_sigma_mm, correlation_length_mm=model.correlation_length_mm
         )
     return scanner
 

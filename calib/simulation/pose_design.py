@@ -133,13 +133,7 @@ def scan_poses(
     return np.concatenate(batches)[:count]
 
 
-def reach_apexes(
-    robot: Robot,
-    base_T_scanner: ArrayLike,
-    apex_mm: ArrayLike,
-    *,
-    rng: np.random.Generator,
-) -> Array:
+def reach_apexes(robot: Robot, base_T_scanner: ArrayLike, apex_mm: ArrayLike, *, rng: np.random.Generator) -> Array:
     """Joint vectors (K, n) that bring the jig's apex to places (K, 3), scanner frame, under conditions of `scan_poses`.
 
     Raises:

@@ -25,12 +25,7 @@ SCENE = 0
 
 
 def scene_triangles(
-    scanner_T_jig: Array,
-    jig: Jig,
-    *,
-    flange_mm: float,
-    arm_turn_rad: float,
-    background: tuple[float, float] | None,
+    scanner_T_jig: Array, jig: Jig, *, flange_mm: float, arm_turn_rad: float, background: tuple[float, float] | None
 ) -> tuple[Array, NDArray[np.int8]]:
     """Triangles of all surfaces in the scene (T, 3, 3), in the scanner's frame, and their labels (T,).
 

@@ -147,7 +147,7 @@ class _Seen:
     ways: IndexArray  # (W, S) which target each place is
 
     def misfits(self, scanner_T_base: Array) -> Array:
-        """(W,) RMS distance, mm, of the places from the expected targets, for each possible assignment."""
+        """RMS distance (W,), mm, of the places from the expected targets, for each possible assignment."""
         there = frames.apply(scanner_T_base, self.expected_mm)
         away = self.xyz_mm[: self.ways.shape[1], None] - there[None]  # (S, T, 3)
         squares = np.einsum("sti,sti->st", away, away)
@@ -174,7 +174,7 @@ def nominal_targets(dataset: Dataset, names: Sequence[str]) -> Array:
 
 
 def _ways(xyz_mm: Array, expected_mm: Array) -> IndexArray:
-    """(W, S) index of each place's target, for every assignment that agrees with the distances between the targets."""
+    """Index (W, S) of each place's target, for every assignment that agrees with the distances between the targets."""
     count = min(len(xyz_mm), len(expected_mm))
     ways = np.array(list(permutations(range(len(expected_mm)), count)), dtype=np.int64)
     if count < 2:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from calib.blas_threads import one_blas_thread
-from calib.corners.batch import CornerBatch, brief, declared_noise, find_corners
+from calib.corners.batch import CornerBatch, declared_noise, find_corners, searched_scan
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
-from calib.corners.search import CornerSearch, failed_search
+from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.errors import ScanError
 from calib.progress import OnProgress
-from calib.scans.scan import PointCount, load_scan
 from calib.target_shapes import DeclaredTarget
 from calib.targets.protocol.user_file import UserFinder, load_finder
 from calib.targets.search import UserFunction, find_targets_in
@@ -46,12 +43,7 @@ def find_targets(
         intermediate=intermediate,
     )
     return find_corners(
-        dataset,
-        progress=progress,
-        on_progress=on_progress,
-        executor=executor,
-        in_flight=in_flight,
-        search=search,
+        dataset, progress=progress, on_progress=on_progress, executor=executor, in_flight=in_flight, search=search
     )
 
 
@@ -71,10 +63,5 @@ def search_targets_file(
     intermediate: bool = True,
 ) -> CornerSearch:
     """Search for targets in a scan file; a file that cannot be read gives a failed search with `unreadable` set."""
-    try:
-        scan = load_scan(path)
-    except ScanError as error:
-        return failed_search(path.stem, str(error), unreadable=True)
-    search = find_targets_in(scan, targets, scan_sigma_mm=scan_sigma_mm, finder=finder, declared=declared)
-    search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
-    return search if intermediate else brief(search)
+    find = partial(find_targets_in, targets=targets, scan_sigma_mm=scan_sigma_mm, finder=finder, declared=declared)
+    return searched_scan(path, find, intermediate=intermediate)

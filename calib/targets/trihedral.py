@@ -99,7 +99,7 @@ def _edges(corner: Corner) -> Array:
 
 
 def _of_jig(points: Array, corner: Corner, jig: Jig) -> BoolArray:
-    """(N,) mask of the points that are taken out of the scan with a jig."""
+    """Mask (N,) of the points that are taken out of the scan with a jig."""
     axis = _edges(corner).sum(axis=0)
     middle = corner.xyz_mm + _BALL_AT * jig.longest_mm * axis / np.linalg.norm(axis)
     return np.asarray(np.linalg.norm(points - middle, axis=1) < _TAKEN_OUT * jig.longest_mm)

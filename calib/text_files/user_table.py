@@ -123,11 +123,7 @@ def load_table(path: Path, fault: Callable[[Fault], None] | None = None, *, any_
     return parse_table(
         path,
         read_text(
-            path,
-            missing="name a table of numbers",
-            kind="CSV",
-            most_bytes=MOST_BYTES,
-            any_encoding=any_encoding,
+            path, missing="name a table of numbers", kind="CSV", most_bytes=MOST_BYTES, any_encoding=any_encoding
         ),
         fault,
     )

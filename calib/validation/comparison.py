@@ -194,12 +194,7 @@ class _Side:
 
 
 def _changes(
-    names: list[str],
-    units: dict[str, str],
-    difference: Array,
-    covariance: Array,
-    kernel: Array,
-    scales: Array,
+    names: list[str], units: dict[str, str], difference: Array, covariance: Array, kernel: Array, scales: Array
 ) -> tuple[tuple[ParameterChange, ...], float, float]:
     """Fewest single-parameter changes that explain a difference, with p-values before and after these changes.
 

@@ -54,7 +54,7 @@ def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> 
 
 
 def likely_poses(cell: Workcell, rng: np.random.Generator) -> Array:
-    """(1024, n) joint vectors that are likely to bring the jig into the field."""
+    """Joint vectors (1024, n) that are likely to bring the jig into the field."""
     low, high = cell.low, cell.high
     if cell.field is None or (cell.base_T_scanner is None and cell.room_target is None):
         return rng.uniform(low, high, (_BATCH, len(low)))

@@ -72,7 +72,7 @@ class JigGoals:
         return error, np.concatenate([moved, _LEVER_MM * axes], axis=1) * self.joint_units
 
     def reached(self, q: Array) -> BoolArray:
-        """(N,) whether apex and axis are at their goals, to 1 mm and 0.02 rad."""
+        """Mask (N,): whether apex and axis are at their goals, to 1 mm and 0.02 rad."""
         chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
         near = np.linalg.norm(self.apex_mm - chain.target_mm, axis=1) < 1.0
         if self.outward is None:

@@ -105,10 +105,7 @@ def workcell_of_robot(
 
 
 def workcell_of_dataset(
-    dataset: Dataset,
-    *,
-    parent_T_scanner: ArrayLike | None = None,
-    setup: str | None = None,
+    dataset: Dataset, *, parent_T_scanner: ArrayLike | None = None, setup: str | None = None
 ) -> Workcell:
     """Cell in which a dataset was measured; `notes` list what its points imply and what is assumed.
 

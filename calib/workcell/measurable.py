@@ -46,7 +46,7 @@ class Measurable:
 
     @property
     def ok(self) -> BoolArray:
-        """(N,) whether each pose can be measured."""
+        """Mask (N,): whether each pose can be measured."""
         return np.asarray(self.reason == "")
 
 
@@ -93,7 +93,7 @@ class _ArmPoses:
 
     @property
     def base_T_jig(self) -> Array:
-        """(N, 4, 4) poses of the jig, base frame."""
+        """Poses (N, 4, 4) of the jig, base frame."""
         return self.chain.base_T_frame[:, -1] @ self.cell.tool_T_jig
 
     def jig_points_mm(self) -> Array:
@@ -106,13 +106,13 @@ class _ArmPoses:
 
 
 def _beyond_limit(at: _ArmPoses) -> BoolArray:
-    """(N,) whether a joint is beyond its range."""
+    """Mask (N,): whether a joint is beyond its range."""
     beyond = (at.q < at.cell.low - _ROUNDING) | (at.q > at.cell.high + _ROUNDING)
     return np.asarray(beyond.any(axis=1))
 
 
 def _outside_field(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether apex or board is outside the scanner's field; None where the field is not known."""
+    """Mask (N,): whether apex or board is outside the scanner's field; None where the field is not known."""
     outside = _target_outside_field(at)
     if at.cell.board is None:
         return outside
@@ -121,6 +121,7 @@ def _outside_field(at: _ArmPoses) -> BoolArray | None:
 
 
 def _target_outside_field(at: _ArmPoses) -> BoolArray | None:
+    """Mask (N,): whether the apex is outside the scanner's field; None where the field is not known."""
     if at.cell.field is None:
         return None
     if at.cell.room_target is not None:
@@ -133,7 +134,7 @@ def _target_outside_field(at: _ArmPoses) -> BoolArray | None:
 
 
 def _too_steep(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a face is seen at too large an incidence; None where the scanner's place or the jig is not known."""
+    """Mask (N,): a face is seen at too large an incidence; None where the scanner's place or the jig is not known."""
     if at.cell.board is not None:
         return np.asarray(at.cell.board.cosines(at.chain.base_T_flange) < at.cell.board.least_cosine)
     if at.cell.room_target is not None and at.eye_mm is not None:
@@ -145,21 +146,21 @@ def _too_steep(at: _ArmPoses) -> BoolArray | None:
 
 
 def incidence_cosines(base_T_jig: Array, normals: Array, eye_mm: Array) -> Array:
-    """(N, 3) cosines of the angles at the apex between face normals and the line to the scanner, (3,) or (N, 3)."""
+    """Cosines (N, 3) of the angles at the apex between face normals and the line to the scanner, (3,) or (N, 3)."""
     to_eye = eye_mm - base_T_jig[:, :3, 3]
     to_eye = to_eye / np.linalg.norm(to_eye, axis=1, keepdims=True)
     return np.einsum("nij,kj,ni->nk", base_T_jig[:, :3, :3], normals, to_eye, optimize=True)
 
 
 def _near_singularity(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether the manipulability is below the cell's limit; None where the cell has no limit."""
+    """Mask (N,): whether the manipulability is below the cell's limit; None where the cell has no limit."""
     if at.cell.least_manipulability <= 0.0:
         return None
     return manipulability(at.cell, at.chain) < at.cell.least_manipulability
 
 
 def manipulability(cell: Workcell, chain: Chain) -> Array:
-    """(N,) least over largest singular value of the Jacobian, rotations times a third of the reach: 0 at a singularity.
+    """Least over largest singular value (N,) of the Jacobian, rotations times a third of the reach; 0 where singular.
 
     An arm of fewer than six joints has as many singular values as joints. A prismatic joint's unit is a third of the
     reach too, so that the ratio has no unit.
@@ -172,7 +173,7 @@ def manipulability(cell: Workcell, chain: Chain) -> Array:
 
 
 def _in_floor(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a moving body is below the floor; None where there is no floor."""
+    """Mask (N,): whether a moving body is below the floor; None where there is no floor."""
     if at.cell.floor_z_mm is None or not len(at.cell.bodies):
         return None
     start, end, radius = _moving(at)
@@ -181,7 +182,7 @@ def _in_floor(at: _ArmPoses) -> BoolArray | None:
 
 
 def _in_box(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a moving body is in one of the cell's boxes; None where there are none."""
+    """Mask (N,): whether a moving body is in one of the cell's boxes; None where there are none."""
     if not at.cell.boxes or not len(at.cell.bodies):
         return None
     start, end, radius = _moving(at)
@@ -192,21 +193,21 @@ def _in_box(at: _ArmPoses) -> BoolArray | None:
 
 
 def _at_scanner(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a moving body is within 100 mm of a scanner in the room; None where its place is not known."""
+    """Mask (N,): whether a moving body is within 100 mm of a scanner in the room; None where its place is not known."""
     if at.cell.base_T_scanner is None or at.cell.jig is None or not len(at.cell.bodies):
         return None
     return _is_near(at, at.cell.base_T_scanner[:3, 3], _SCANNER_RADIUS_MM)
 
 
 def _at_room_target(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a moving body is within 30 mm of a target in the room; None where there is none."""
+    """Mask (N,): whether a moving body is within 30 mm of a target in the room; None where there is none."""
     if at.cell.room_target is None or not len(at.cell.bodies):
         return None
     return _is_near(at, at.cell.room_target.place_mm, _ROOM_TARGET_MM)
 
 
 def _is_near(at: _ArmPoses, place_mm: Array, clearance_mm: float) -> BoolArray:
-    """(N,) whether a moving body is nearer to a place (3,), base frame, than a clearance."""
+    """Mask (N,): whether a moving body is nearer to a place (3,), base frame, than a clearance."""
     start, end, radius = _moving(at)
     return np.asarray(np.any(between_segments(start, end, place_mm, place_mm) < radius + clearance_mm, axis=1))
 
@@ -219,7 +220,7 @@ def _moving(at: _ArmPoses) -> tuple[Array, Array, Array]:
 
 
 def _in_itself(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether two bodies of the arm collide; None where no pair of bodies can."""
+    """Mask (N,): whether two bodies of the arm collide; None where no pair of bodies can."""
     bodies = at.cell.bodies
     if not len(bodies.pairs):
         return None
@@ -227,14 +228,14 @@ def _in_itself(at: _ArmPoses) -> BoolArray | None:
 
 
 def _arm_hides(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether the arm hides a face from the scanner; None where the scanner's place is not known."""
+    """Mask (N,): whether the arm hides a face from the scanner; None where the scanner's place is not known."""
     if at.eye_mm is None or not len(at.cell.bodies):
         return None
     return np.asarray(hidden_by_arm(at.cell.bodies, at.chain, at.eye_mm, at.jig_points_mm()).any(axis=1))
 
 
 def _box_hides(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a box hides a face from the scanner; None where scanner or boxes are not known."""
+    """Mask (N,): whether a box hides a face from the scanner; None where scanner or boxes are not known."""
     if at.eye_mm is None or not at.cell.boxes:
         return None
     points_mm = at.jig_points_mm()
@@ -245,7 +246,7 @@ def _box_hides(at: _ArmPoses) -> BoolArray | None:
 
 
 def collides(cell: Workcell, q: Array) -> BoolArray:
-    """(N,) whether the arm at joints (N, n) collides with the floor, a box, the scanner or itself."""
+    """Mask (N,): whether the arm at joints (N, n) collides with the floor, a box, the scanner or itself."""
     poses = _ArmPoses(cell, q, cell.chain(q))
     hits = np.zeros(len(q), dtype=bool)
     for _, refuses in _COLLISIONS:

@@ -51,7 +51,7 @@ def order_poses(cell: Workcell, q: ArrayLike, start: ArrayLike | None = None) ->
 
 
 def way_lengths(robot: Robot, one: Array, other: Array) -> Array:
-    """(N, M) largest joint movement, rad, between joints (N, n) and (M, n)."""
+    """Largest joint movement (N, M), rad, between joints (N, n) and (M, n)."""
     scaled = np.where(robot.is_revolute, 1.0, 1.0 / PRISMATIC_MM)
     return np.asarray(np.abs((one[:, None] - other[None]) * scaled).max(axis=-1))
 
@@ -63,12 +63,12 @@ def path_length(robot: Robot, q: Array) -> float:
 
 
 def clear_ways(cell: Workcell, q: Array) -> BoolArray:
-    """(N - 1,) whether straight paths in joint space between the rows of q (N, n) avoid all known obstacles."""
+    """Mask (N - 1,): whether straight paths in joint space between the rows of q (N, n) avoid all known obstacles."""
     return clear_between(cell, q[:-1], q[1:])
 
 
 def clear_between(cell: Workcell, one: Array, other: Array) -> BoolArray:
-    """(N,) whether straight paths in joint space from the rows of one (N, n) to those of other avoid all obstacles."""
+    """Mask (N,): straight paths in joint space from the rows of one (N, n) to those of other avoid all obstacles."""
     if not len(one):
         return np.ones(0, dtype=bool)
     scaled = np.where(cell.robot.is_revolute, 1.0, 1.0 / PRISMATIC_MM)

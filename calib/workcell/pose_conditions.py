@@ -64,7 +64,7 @@ def conditions_for(effects: Iterable[AsksForConditions], *, payload_kg: float = 
 def come_from(
     q: Array, approach: Array, is_revolute: BoolArray, low: Array, high: Array, *, share: float = 1.0
 ) -> Array:
-    """(M, n) joint vectors just before q (M, n), from which each joint arrives from a given side.
+    """Joint vectors (M, n) just before q (M, n), from which each joint arrives from a given side.
 
     They are 3 deg or 10 mm away, times `share`; joints that would leave their range (n,) go as far as it allows.
     """

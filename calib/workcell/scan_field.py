@@ -30,7 +30,7 @@ class ScanField:
 
     @property
     def half_mm(self) -> Array:
-        """(2,) largest offset of the apex from the field's middle at the field's distance."""
+        """Largest offset (2,) of the apex from the field's middle at the field's distance."""
         return 0.5 * np.array([self.width_mm, self.height_mm]) - self.margin_mm
 
     @property
@@ -49,7 +49,7 @@ class ScanField:
         return np.column_stack([across * (depth_mm / self.distance_mm)[:, None], depth_mm])
 
     def contains(self, apex_mm: Array) -> BoolArray:
-        """(N,) whether apexes (N, 3), scanner frame, lie in the field."""
+        """Mask (N,): whether apexes (N, 3), scanner frame, lie in the field."""
         depth_mm = apex_mm[:, 2]
         inside = np.abs(depth_mm - self.distance_mm) <= 0.5 * self.depth_mm
         across = apex_mm[:, :2] * (self.distance_mm / np.where(inside, depth_mm, 1.0))[:, None]
@@ -70,7 +70,7 @@ class BoxField:
         return rng.uniform(self.low_mm, self.high_mm, (count, 3))
 
     def contains(self, apex_mm: Array) -> BoolArray:
-        """(N,) whether apexes (N, 3), scanner frame, lie in the box."""
+        """Mask (N,): whether apexes (N, 3), scanner frame, lie in the box."""
         return np.asarray(np.all((apex_mm >= np.array(self.low_mm)) & (apex_mm <= np.array(self.high_mm)), axis=1))
 
 

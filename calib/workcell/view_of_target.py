@@ -25,7 +25,7 @@ class RoomTarget:
     within_deg: float  # half the cone's opening
 
     def sees(self, eye_mm: Array) -> BoolArray:
-        """(N,) whether the target can be seen from places (N, 3), base frame."""
+        """Mask (N,): whether the target can be seen from places (N, 3), base frame."""
         sight = eye_mm - self.place_mm
         cosine = sight @ self.outward / np.maximum(np.linalg.norm(sight, axis=1), 1e-9)
         return np.asarray(cosine >= np.cos(np.radians(self.within_deg)))
@@ -80,7 +80,7 @@ class ViewGoals:
         return error, np.concatenate([moved, _LEVER_MM * axes], axis=1) * self.joint_units
 
     def reached(self, chain: Chain) -> BoolArray:
-        """(N,) whether point and direction are at their goals, to 1 mm and 0.02 rad."""
+        """Mask (N,): whether point and direction are at their goals, to 1 mm and 0.02 rad."""
         point_mm, direction = self._point_and_direction(chain, slice(None))
         near = np.linalg.norm(point_mm - self.apex_mm, axis=1) < 1.0
         return np.asarray(near & (np.arccos(np.clip(direction @ self.axis, -1.0, 1.0)) < 0.02))

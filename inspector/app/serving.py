@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from calib.dataset.files.folder import find_datasets
-from calib.errors import CalibError, visible
+from calib.errors import CalibError
 from inspector.app.app import App
 from inspector.app.page.dataset_list import has_scans
-from inspector.server.viser_server import LOOPBACK, start_server, url_of
+from inspector.server.viser_server import LOOPBACK, start_server
 from inspector.session.reopening import Opening
 
 
@@ -54,27 +52,3 @@ def _imported_before(data: Path | None) -> list[Path]:
     if not data.is_dir():
         raise CalibError(f"--data {data}: is no folder; name one for the datasets that pages import")
     return sorted(path.parent for path in data.glob("*/dataset.toml"))
-
-
-def serve(
-    path: Path,
-    *,
-    host: str = LOOPBACK,
-    port: int = 8080,
-    effects_file: Path | None = None,
-    saved: Opening | None = None,
-    data: Path | None = None,
-) -> None:
-    """Serve the app until it is interrupted (Ctrl-C); the page's address is printed on stdout.
-
-    Raises: as `serving`.
-    """
-    with serving(path, host=host, port=port, effects_file=effects_file, saved=saved, data=data) as app:
-        if data is not None:
-            sys.stdout.write(f"Your own data, dropped on the page, goes to {visible(str(data.resolve()))}.\n")
-        sys.stdout.write(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.\n")
-        sys.stdout.flush()
-        try:
-            threading.Event().wait()
-        except KeyboardInterrupt:
-            sys.stdout.write("\n")

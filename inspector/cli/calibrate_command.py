@@ -84,7 +84,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     ]  # fmt: skip
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
     templates = _templates(options, dataset)
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset = measured(dataset, options.residual)
     arm_type = None if options.type is None else load_type(options.type, dataset.robot)
     began = None if arm_type is None else _from_type(options, dataset, arm_type)
     steps = _steps(options, dataset) if began is None else (first_step(began.calibration),)
@@ -98,10 +98,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     robust = fit_without_outliers(result)
     hint = "" if robust is None else outlier_hint(result, robust)
     said = "\n".join(f"{path}: {robot_file.summary}" for path, robot_file in robot_files.items())
-    document = calibration_document(result) | {
-        "steps": steps_document(steps),
-        "table_alone": table_document(table),
-    }
+    document = calibration_document(result) | {"steps": steps_document(steps), "table_alone": table_document(table)}
     for path, robot_file in robot_files.items():
         key = "urdf" if path == options.urdf_out else "kinematics"
         document[key] = {"changed": robot_file.changed, "left_out": table.left_out, "notes": robot_file.notes}

@@ -24,7 +24,7 @@ WATCH_FILES = (".html", ".svg", ".csv")
 
 def run_compare(options: CompareOptions) -> int:
     """Compare the calibrations of two datasets."""
-    datasets = [measured(load(path), orientation=options.residual == "pose") for path in (options.path, options.other)]
+    datasets = [measured(load(path), options.residual) for path in (options.path, options.other)]
     one, other = (fitted(options, dataset)[-1].calibration for dataset in datasets)
     compared = compare(one, other)
     show(options, compared.to_dict(), compared.summary())

@@ -39,7 +39,7 @@ def run_correct(options: CorrectOptions) -> int:
         model.require_same_arm(dataset)
         return _correct(options, dataset)(model)
     write = _correct(options, dataset)  # what is wrong with the targets is told before the fit
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset = measured(dataset, options.residual)
     result = fitted(options, dataset)[-1].calibration
     require_plausible(result, options.force)
     if result.tool_shift is not None:

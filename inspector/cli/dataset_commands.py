@@ -6,6 +6,7 @@ Those that fit a model are in `inspector.cli.fit_commands`.
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,12 +22,7 @@ from calib.effects.catalogue import descriptions
 from calib.errors import printable, visible
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.kinematics.cartesian import require_links
-from calib.measurement.measured_points import (
-    failed_searches,
-    label_faces,
-    require_corners,
-    with_corners,
-)
+from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
 from calib.present import to_dict
 from calib.present.effects import effects_document
 from calib.present.fit.corners import batch_blocks, corners_document
@@ -38,21 +34,16 @@ from calib.strict_json import to_json
 from calib.targets.assignment import assign_targets
 from calib.targets.batch import find_targets
 from calib.targets.protocol.user_file import load_finder
-from inspector.cli.options import (
-    CornersOptions,
-    Output,
-    RedundancyOptions,
-    ServeOptions,
-    VerifyOptions,
-)
+from inspector.cli.options import CornersOptions, Output, RedundancyOptions, ServeOptions, VerifyOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
 from inspector.export.csv_and_png import corners_csv, redundancy_csv
 
 
 def run_serve(options: ServeOptions) -> int:
-    """Serve the web app until Ctrl-C."""
-    from inspector.app.serving import serve
+    """Serve the web app until Ctrl-C; its address is printed on stdout."""
+    from inspector.app.serving import serving
+    from inspector.server.viser_server import url_of
     from inspector.session.reopening import opening
     from inspector.session.session_file import load_session
 
@@ -61,14 +52,17 @@ def run_serve(options: ServeOptions) -> int:
         saved, notes = opening(load_session(options.session), options.path, options.effects_file)
         for note in notes:
             print(visible(f"inspector: warning: {options.session}: {note}"), file=sys.stderr)
-    serve(
-        options.path,
-        host=options.host,
-        port=options.port,
-        effects_file=options.effects_file,
-        saved=saved,
-        data=options.data,
-    )
+    effects_file, data = options.effects_file, options.data
+    with serving(
+        options.path, host=options.host, port=options.port, effects_file=effects_file, saved=saved, data=data
+    ) as app:
+        if data is not None:
+            print(f"Your own data, dropped on the page, goes to {visible(str(data.resolve()))}.")
+        print(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.", flush=True)
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            print()
     return 0
 
 
@@ -133,11 +127,11 @@ def without(dataset: Dataset) -> list[str]:
     return [f"left out: {', '.join(dataset.left_out)}"] if dataset.left_out else []
 
 
-def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
-    """Dataset with points (found in its scans if it has none), and with the jig's orientation on request."""
+def measured(dataset: Dataset, residual: str = "distance") -> Dataset:
+    """Dataset with points as a residual requires them, found in its scans if it has none."""
     if dataset.points is not None:
         return dataset
-    return with_corners(dataset, searched(dataset), orientation=orientation)
+    return with_corners(dataset, searched(dataset), orientation=residual == "pose")
 
 
 def searched(dataset: Dataset) -> dict[str, CornerSearch]:

@@ -25,13 +25,7 @@ from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.calibrate_command import loaded_effects, require_plausible
 from inspector.cli.dataset_commands import found_corners, load, measured, searched, show, without
 from inspector.cli.model_commands import validate_model
-from inspector.cli.options import (
-    CheckOptions,
-    DiagnoseOptions,
-    FiguresOptions,
-    ReportOptions,
-    ValidateOptions,
-)
+from inspector.cli.options import CheckOptions, DiagnoseOptions, FiguresOptions, ReportOptions, ValidateOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
 from inspector.session.measuring import with_face_labels
@@ -50,7 +44,7 @@ def run_validate(options: ValidateOptions) -> int:
     from calib.validation.cross_validation import cross_validate
     from calib.validation.learning_curve import learning_curve
 
-    dataset = measured(load(options.path, options.leave_out, options.finder), orientation=options.residual == "pose")
+    dataset = measured(load(options.path, options.leave_out, options.finder), options.residual)
     asked = options.fit_options()
     effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
     with progress("fits", "fit") as on_progress:
@@ -124,7 +118,7 @@ def run_figures(options: FiguresOptions) -> int:
     from inspector.export.figure_files import figures_of, write_figures  # with plotly, which takes a while to load
 
     dataset = load(options.path, options.leave_out, options.finder)
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset = measured(dataset, options.residual)
     every = figures_of(diagnosis_presentation(diagnosed(dataset, options), None))
     names = [one.name for one in every]
     unknown = [name for name in options.name if name not in names]
@@ -148,7 +142,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
     dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.learned_out, options.model_out], [options.effects_file])
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset = measured(dataset, options.residual)
     result = diagnosed(dataset, options, options.max_steps)
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)

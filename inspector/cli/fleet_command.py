@@ -12,7 +12,6 @@ from calib.fleet.arm_type import type_report
 from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
 from calib.fleet.judge import FleetOptions as JudgeOptions
-from calib.fleet.result import Fleet
 from calib.fleet.run import Workers, run_fleet
 from calib.fleet.table import is_table, require_table_kind, write_table
 from calib.fleet.type_file import save_type
@@ -39,22 +38,16 @@ def run_fleet_command(options: FleetOptions) -> int:
     found = discover(options.path)
     asked = JudgeOptions(max_test_rmse_mm=options.max_test_rmse_mm, limit_s=options.timeout)
     try:
-        with (
-            _workers(options, len(found.datasets)) as workers,
-            progress("datasets", "dataset") as on_progress,
-        ):
+        with _workers(options, len(found.datasets)) as workers, progress("datasets", "dataset") as on_progress:
             fleet = run_fleet(found, results, workers, asked, fresh=options.fresh, on_progress=on_progress)
     except KeyboardInterrupt:
-        print(
-            visible(f"inspector: stopped; the same command goes on from what is in {results}"),
-            file=sys.stderr,
-        )
+        print(visible(f"inspector: stopped; the same command goes on from what is in {results}"), file=sys.stderr)
         return 130
     write_table(fleet.rows, out)
     write_text_atomically(page, fleet_html(fleet, page, now=datetime.now()))
     document = fleet.to_dict() | {"table": str(out), "page": str(page), "results": str(results)}
     show(options, document, f"{fleet.summary()}\n{out}, {page}: the table and the page")
-    return 0 if is_good(fleet) else 1
+    return 0 if (not fleet.failures and all(row.passed for row in fleet.rows)) else 1
 
 
 def run_pool(options: PoolOptions) -> int:
@@ -69,11 +62,6 @@ def run_pool(options: PoolOptions) -> int:
         save_type(report.arm_type, options.out)
     show(options, report.to_dict(), report.summary())
     return 0
-
-
-def is_good(fleet: Fleet) -> bool:
-    """Whether every dataset has a result that passes."""
-    return not fleet.failures and all(row.passed for row in fleet.rows)
 
 
 def _workers(options: FleetOptions, datasets: int) -> AbstractContextManager[Workers]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 from calib.campaign.campaign import Campaign
 from calib.campaign.follower import CampaignFollower, News
@@ -31,7 +30,7 @@ def run_follow(options: FollowOptions) -> int:
     """Follow a folder until Ctrl-C, or until it is at rest (--once) or good enough (--until-enough)."""
     if not options.path.is_dir():
         raise DatasetError(f"{options.path}: no such folder; give the dataset folder that is being filled")
-    scans = _waiting_scans(options.path)
+    scans = sum(1 for path in options.path.glob("*/*") if path.is_file())
     with processes(scans if scans >= MIN_SCANS_FOR_PROCESSES else 0) as executor:
         follower = CampaignFollower(options.path, options.fit_options(), executor)
         try:
@@ -54,11 +53,6 @@ def run_follow(options: FollowOptions) -> int:
     if not options.json:
         print(visible(block_text(*campaign_head(campaign, options.tolerance_mm))))
     return 0 if _is_enough(options, campaign) else 1
-
-
-def _waiting_scans(folder: Path) -> int:
-    """Number of files in the folder of the scans, as far as one can tell before dataset.toml is read."""
-    return sum(1 for path in folder.glob("*/*") if path.is_file())
 
 
 def _looks() -> Iterator[None]:

@@ -114,8 +114,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
-        prog="inspector",
-        description="Calibrate a robot arm from scans of a three-faced jig, and see every step.",
+        prog="inspector", description="Calibrate a robot arm from scans of a three-faced jig, and see every step."
     )
     parser.add_argument("--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="which version this is")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)

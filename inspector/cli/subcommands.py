@@ -55,10 +55,7 @@ def _serve(sub: ArgumentParser) -> None:
     sub.add_argument("--port", type=values.port, default=8080, help="default 8080; 0 takes a free one")
     sub.add_argument("--session", type=Path, metavar="FILE.json", help="open a saved session again")
     sub.add_argument(
-        "--data",
-        type=Path,
-        metavar="DIR",
-        help="let pages import datasets to this folder, and list those in it",
+        "--data", type=Path, metavar="DIR", help="let pages import datasets to this folder, and list those in it"
     )
     sub.add_argument(
         "--effects-file", type=Path, metavar="FILE.py", help="effects of your own, read again when it changes"
@@ -316,12 +313,7 @@ SUBCOMMANDS = (
         "the figures of a diagnosis as files, for a paper or a slide",
     ),
     Subcommand(
-        "effects",
-        "dataset_commands.run_effects",
-        options.Output,
-        add_json,
-        "the catalogue of effects",
-        path=None,
+        "effects", "dataset_commands.run_effects", options.Output, add_json, "the catalogue of effects", path=None
     ),
     Subcommand(
         "sample",

@@ -15,13 +15,7 @@ from calib.robot_formats.measuring_program import (
     measuring_program,
     template_of,
 )
-from calib.robot_formats.programs import (
-    JointTarget,
-    is_point_list,
-    point_list,
-    require_point_list,
-    trajectory_yaml,
-)
+from calib.robot_formats.programs import JointTarget, is_point_list, point_list, require_point_list, trajectory_yaml
 from calib.text_files.csv_text import frame_csv
 
 CSV, ROS = ".csv", (".yaml", ".yml")

@@ -19,12 +19,7 @@ from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.style import EDGE, SELECTED_COLOUR, figure, selects_joint
 
 CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
-_TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (
-    56,
-    116,
-    68,
-    44,
-)  # legend and first title; a panel; between two; last axis
+_TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (56, 116, 68, 44)  # legend and first title; a panel; between two; last axis
 _GREY = "rgba(138,143,152,0.22)"
 _CURVE_COLOUR, _BAND_COLOUR = "#1F86C9", "rgba(31,134,201,0.28)"
 _BEYOND = 0.5  # of the inside's height that the outside may add to the axis on either side
@@ -37,11 +32,7 @@ def height_px(panels: int, columns: int = 1) -> int:
 
 
 def joint_curves(
-    curves: Sequence[FittedCurve],
-    robot: Robot,
-    *,
-    columns: int = 1,
-    selected: int | None = None,
+    curves: Sequence[FittedCurve], robot: Robot, *, columns: int = 1, selected: int | None = None
 ) -> go.Figure:
     """Figure of each curve's error over its input, one panel each, in `columns` columns.
 

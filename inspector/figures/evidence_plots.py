@@ -9,6 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from calib.array_types import Array
+from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
 from calib.html_text import escape
 from inspector.figures.style import SELECTS_POSE, figure, shortened
 from inspector.markup.parts.palette import NEUTRAL, PROPOSAL, ROLE_COLOURS, UNKNOWN
@@ -17,13 +18,8 @@ NAMED, NOT_NAMED = "named by the diagnosis", "not named"
 _MOST = 16  # effects that are shown
 
 
-def evidence_bars(
-    names: Sequence[str],
-    log_evidence: Sequence[float],
-    named: Sequence[bool],
-    least: float,
-) -> go.Figure:
-    """Bars of the log evidence of the best `_MOST` effects in the given order; a line at the `least` for adding one."""
+def evidence_bars(names: Sequence[str], log_evidence: Sequence[float], named: Sequence[bool]) -> go.Figure:
+    """Bars of the log evidence of the best `_MOST` effects in the given order; a line at the least for adding one."""
     labels = [shortened(name, 26) for name in names[:_MOST]]
     traces: list[dict[str, Any]] = []
     for trace, colour, of in ((NAMED, PROPOSAL, True), (NOT_NAMED, UNKNOWN, False)):
@@ -39,8 +35,8 @@ def evidence_bars(
     if labels:
         traces.append(
             {
-                "type": "scatter", "mode": "lines", "name": f"convincing: more than {least:g}",
-                "x": [labels[0], labels[-1]], "y": [least, least], "hoverinfo": "skip",
+                "type": "scatter", "mode": "lines", "name": f"convincing: more than {MIN_LOG_EVIDENCE:g}",
+                "x": [labels[0], labels[-1]], "y": [MIN_LOG_EVIDENCE] * 2, "hoverinfo": "skip",
                 "line": {"color": NEUTRAL, "width": 2, "dash": "dash"},
             }
         )  # fmt: skip
@@ -91,10 +87,7 @@ def moved_by_change(moved_mm: Array, explained_mm: Array, ids: Sequence[str], he
 
 
 def errors_by_poses(
-    poses: Sequence[int],
-    train_rmse_mm: Sequence[float],
-    held_out_rmse_mm: Sequence[float],
-    spread_mm: Sequence[float],
+    poses: Sequence[int], train_rmse_mm: Sequence[float], held_out_rmse_mm: Sequence[float], spread_mm: Sequence[float]
 ) -> go.Figure:
     """Figure of training and held-out error against the number of fitted poses; bars: spread of the held-out error."""
     traces = [

@@ -10,16 +10,11 @@ from calib.html_text import escape
 from inspector.figures.style import figure, log_axis
 from inspector.markup.parts.palette import MODEL_COLOURS
 
-STAGES = {
-    "as delivered": "nominal",
-    "with calibrated links": "link errors",
-    "with all that was found": "with effects",
-}
+STAGES = {"as delivered": "nominal", "with calibrated links": "link errors", "with all that was found": "with effects"}
 
 
 def fleet_errors(
-    names: Sequence[str],
-    errors_mm: Sequence[tuple[float | None, float | None, float | None]],
+    names: Sequence[str], errors_mm: Sequence[tuple[float | None, float | None, float | None]]
 ) -> go.Figure:
     """Figure of each dataset's 3D RMSE at the stages of STAGES, in the order given; None leaves a gap."""
     traces = [

@@ -102,10 +102,7 @@ def _why_missing(names: Sequence[str], no_influence: Sequence[str]) -> list[list
 
 
 def convergence(
-    train_rmse_mm: Sequence[float],
-    test_rmse_mm: Sequence[float] | None = None,
-    *,
-    what: str = "3D",
+    train_rmse_mm: Sequence[float], test_rmse_mm: Sequence[float] | None = None, *, what: str = "3D"
 ) -> go.Figure:
     """Figure of the error per iteration, logarithmic; iteration 0 is the nominal robot."""
     traces = []

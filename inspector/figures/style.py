@@ -20,13 +20,7 @@ from calib.html_text import escape
 from inspector.markup.parts.palette import HIGHLIGHT, MEASURE
 
 # Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
-SIGNED_SCALE = (
-    (0.0, "#2166AC"),
-    (0.25, "#92C5DE"),
-    (0.5, "#F7F7F7"),
-    (0.75, "#F4A582"),
-    (1.0, "#B2182B"),
-)
+SIGNED_SCALE = ((0.0, "#2166AC"), (0.25, "#92C5DE"), (0.5, "#F7F7F7"), (0.75, "#F4A582"), (1.0, "#B2182B"))
 # Of a trace whose points' `ids` are poses, escaped: a click on one selects it (server/client/plots.js). Where points
 # share a pose, which ids may not, `values` in the trace's `meta` has a value for each point.
 SELECTS_POSE = {"ask": "pose"}

@@ -8,7 +8,8 @@ import plotly.graph_objects as go
 
 from calib.html_text import escape
 from calib.monitoring.control_chart import date_of, in_time
-from calib.monitoring.series import DRIFT, SeriesReport
+from calib.monitoring.courses import DRIFT
+from calib.monitoring.series import SeriesReport
 from calib.monitoring.watch import ChangeReport
 from calib.present.over_time.changes import average_label, change_phrases
 from calib.rendering.numbers import readable

@@ -193,10 +193,7 @@ class ReviewPanel:
                 # The list above has room for a short name only.
                 *([("dataset", dataset.name)] if len(dataset.name) > elements.LONG_NAME else []),
                 ("robot", dataset.robot.name),
-                (
-                    "poses",
-                    " · ".join(f"{roles.count(r)} {w}" for r, w in ROLES.items() if r in roles),
-                ),
+                ("poses", " · ".join(f"{roles.count(r)} {w}" for r, w in ROLES.items() if r in roles)),
                 *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
                 *([(f"placements of the {instrument(dataset)}", setups)] if setups > 1 else []),
             ]

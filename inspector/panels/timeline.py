@@ -56,10 +56,7 @@ class TimelinePanel:
             self._of = time_s
             self._unit_s = 60.0 if last_s - first_s >= LONG_S else 1.0
             self.slider.label = "min" if self._unit_s > 1.0 else "s"
-            low, high = (
-                math.floor(10 * first_s / self._unit_s) / 10,
-                math.ceil(10 * last_s / self._unit_s) / 10,
-            )
+            low, high = (math.floor(10 * first_s / self._unit_s) / 10, math.ceil(10 * last_s / self._unit_s) / 10)
             self.slider.min, self.slider.max = min(low, float(self.slider.min)), high
             self.slider.min = low
         at_s = float(time_s[view.pose])

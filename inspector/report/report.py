@@ -135,10 +135,7 @@ def _reasons(report: Report) -> list[Block]:
     if report.diagnosis is not None:
         return [verdict_block(report.diagnosis), *reasons(report.diagnosis, report.session.next_poses)]
     change = last_change(report.session.history)
-    return [
-        *([] if change is None else [change]),
-        Paragraph(sigma_sentence(check_sigma(report.calibration))),
-    ]
+    return [*([] if change is None else [change]), Paragraph(sigma_sentence(check_sigma(report.calibration)))]
 
 
 def _history(report: Report) -> list[Block]:

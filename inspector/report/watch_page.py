@@ -21,11 +21,7 @@ def watch_html(base: str, cell: WatchedCell, *, now: datetime) -> str:
         *cell_verdict(cell),
         control_chart(cell.by_date),
     ]
-    sections = [
-        *cell_sections(cell),
-        Section("Method", (Bullets(METHOD),)),
-        Section("Made with", (Facts(versions()),)),
-    ]
+    sections = [*cell_sections(cell), Section("Method", (Bullets(METHOD),)), Section("Made with", (Facts(versions()),))]
     return render(Presentation(f"Watch: {base}", head, sections))
 
 

@@ -10,6 +10,7 @@ import viser
 from calib.array_types import Array, ByteArray
 from calib.targets.protocol.finder import FoundPoint
 from inspector.markup.parts.palette import HIGHLIGHT, rgb
+from inspector.scene.model_nodes import touched
 from inspector.scene.scene_view import M_PER_MM, cloud, to_scene
 from inspector.scene.shapes import ellipsoids, unit_sphere
 
@@ -73,21 +74,11 @@ def corners(
     """Nodes of all N corners: dots with enlarged ellipsoids, selectable by click."""
     if not len(xyz_mm):
         return []
-    at, diameter = to_scene(xyz_mm), dot_mm(xyz_mm)
+    diameter = dot_mm(xyz_mm)
     nodes: list[viser.SceneNodeHandle] = [cloud(api, f"{name}/points", xyz_mm, colours, diameter)]
     # Points cannot be clicked, and a lit sphere this small is mostly highlight: unseen spheres take the clicks.
-    dots = api.add_batched_meshes_simple(
-        f"{name}/dots", *unit_sphere(6, 8), np.tile([1.0, 0, 0, 0], (len(at), 1)), at,
-        batched_scales=np.full((len(at), 3), 0.8 * diameter * M_PER_MM), opacity=0.004, lod="off",
-        cast_shadow=False, receive_shadow=False,
-    )  # fmt: skip
-
-    @dots.on_click
-    def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
-        if event.instance_index is not None and 0 <= event.instance_index < len(at):
-            on_click(event.instance_index)
-
-    nodes.append(dots)
+    upright, size = np.tile([1.0, 0, 0, 0], (len(xyz_mm), 1)), np.full((len(xyz_mm), 3), 0.8 * diameter)
+    nodes.append(touched(api, f"{name}/dots", unit_sphere(6, 8), upright, xyz_mm, size, on_click))
     if covariance_mm2 is not None:
         nodes.append(_ellipsoids(api, f"{name}/ellipsoids", xyz_mm, covariance_mm2, factor, colours, opacity=0.35))
     return nodes

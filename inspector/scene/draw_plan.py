@@ -64,11 +64,7 @@ class PlanDrawing:
             if len(edges_mm):
                 nodes.append(
                     api.add_line_segments(
-                        f"{name}/field",
-                        to_scene(edges_mm),
-                        rgb(MEASURE),
-                        thickness=1.5,
-                        thickness_units="screen",
+                        f"{name}/field", to_scene(edges_mm), rgb(MEASURE), thickness=1.5, thickness_units="screen"
                     )
                 )
             if shape is not None and k is not None:

@@ -106,8 +106,7 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
     colours = group_colours(search, view.grey_rejected)
     of_sets = [colours[g] if g >= 0 else None for g in group_of[passed]]
     scene.draw(
-        "sets",
-        lambda api, name: plane_nodes.sets(api, name, sets.points_mm[passed], sets.normals[passed], of_sets),
+        "sets", lambda api, name: plane_nodes.sets(api, name, sets.points_mm[passed], sets.normals[passed], of_sets)
     )
     left_out = sets.rejected_by > 0
     scene.draw(

@@ -39,7 +39,7 @@ def draw_floor(scene: SceneView, scanner_T_base: Array | None, reach_mm: float) 
 
 def draw_scale(scene: SceneView, middle_mm: Array, along: Array, up: Array, field_mm: float) -> None:
     """Draw a bar of known length about a middle (3,); `along` and `ticks` are unit vectors (3,)."""
-    length_mm = scale_length_mm(field_mm)
+    length_mm = max((length for length in LENGTHS_MM if length <= BAR_SHARE * field_mm), default=LENGTHS_MM[0])
     ends = middle_mm + 0.5 * length_mm * np.outer([-1.0, 1.0], along)
     ticks = [np.stack([end, end + TICK_SHARE * length_mm * up]) for end in ends]
     words = scale_words(length_mm)
@@ -56,11 +56,6 @@ def draw_scale(scene: SceneView, middle_mm: Array, along: Array, up: Array, fiel
         ]  # fmt: skip
 
     scene.draw("scale", make, key=(ends.tobytes(), up.tobytes()))
-
-
-def scale_length_mm(field_mm: float) -> int:
-    """Longest standard length of the bar that takes up at most `BAR_SHARE` of a field with this radius."""
-    return max((length for length in LENGTHS_MM if length <= BAR_SHARE * field_mm), default=LENGTHS_MM[0])
 
 
 def scale_words(length_mm: int) -> str:

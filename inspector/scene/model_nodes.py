@@ -191,11 +191,11 @@ def predicted(
             for number, model in enumerate(points_mm)
             if len(points_mm[model])
         ),
-        _touched(api, f"{name}/touch", unit_sphere(6, 8), upright, everything, size, on_click),
+        touched(api, f"{name}/touch", unit_sphere(6, 8), upright, everything, size, on_click),
     ]
 
 
-def _touched(
+def touched(
     api: viser.SceneApi,
     name: str,
     shape: tuple[Array, IndexArray],
@@ -244,7 +244,7 @@ def residuals(
             f"{name}/arrows", to_scene(arrows_mm), colours, shaft_radius=size, head_radius=2.5 * size,
             head_length=5.0 * size,
         ),
-        _touched(
+        touched(
             api, f"{name}/touch", unit_cylinder(), facing(along / length[:, None]), arrows_mm.mean(axis=1),
             np.stack([width, width, length], axis=1), on_click,
         ),

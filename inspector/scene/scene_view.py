@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 
 import numpy as np
 import viser
@@ -19,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 from calib.workcell.scan_field import ScanField
 from inspector.markup.parts.palette import FACE_COLOURS, MODEL_BEFORE, SCAN, rgb
-from inspector.scene.box_selection import Sight
 from inspector.scene.shapes import shaded, thin
 
 M_PER_MM = 1e-3
@@ -84,6 +84,29 @@ def sight_of(camera: viser.CameraHandle) -> Sight:
     return Sight(np.asarray(camera.position, dtype=float), rotation, float(camera.fov), float(camera.aspect))
 
 
+@dataclass(frozen=True)
+class Sight:
+    """Camera of a page: its place and attitude in the scene, and how wide it sees."""
+
+    position: Array  # (3,) in the scene's unit
+    rotation: Array  # (3, 3) scene_R_camera: x right, y down, z along the view
+    fov_rad: float  # from bottom to top
+    aspect: float  # width over height
+
+    def on_screen(self, points: Array) -> Array:
+        """Places (N, 2) of points (N, 3) on the screen, 0 to 1 from the left top; NaN behind the camera."""
+        seen = (np.asarray(points, dtype=float) - self.position) @ self.rotation
+        depth = np.where(seen[:, 2] > 0.0, seen[:, 2], np.nan)
+        half = np.tan(0.5 * self.fov_rad) * np.array([self.aspect, 1.0])
+        return np.asarray(0.5 + 0.5 * seen[:, :2] / depth[:, None] / half)
+
+    def in_box(self, points: Array, corner: tuple[float, float], opposite: tuple[float, float]) -> BoolArray:
+        """Whether points (N, 3) are seen in the box between two places on the screen."""
+        low, high = np.minimum(corner, opposite), np.maximum(corner, opposite)
+        place = self.on_screen(points)
+        return np.asarray(((place >= low) & (place <= high)).all(axis=1))
+
+
 class SceneView:
     """The 3D view of all pages; every method replaces what it drew before."""
 
@@ -115,11 +138,7 @@ class SceneView:
         return self._server.atomic()
 
     def draw(
-        self,
-        layer: str,
-        make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]],
-        *,
-        key: object = None,
+        self, layer: str, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]], *, key: object = None
     ) -> None:
         """Fill a layer with nodes added by `make` below the name passed to it.
 

@@ -79,8 +79,7 @@ def unit_sphere(rings: int = 12, sectors: int = 20) -> tuple[Array, IndexArray]:
     polar = np.linspace(0, np.pi, rings + 1)[:, None]
     around = np.linspace(0, 2 * np.pi, sectors, endpoint=False)[None]
     vertices = np.stack(
-        np.broadcast_arrays(np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)),
-        axis=-1,
+        np.broadcast_arrays(np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)), axis=-1
     ).reshape(-1, 3)
     r, s = np.meshgrid(np.arange(rings), np.arange(sectors), indexing="ij")
     a, b = r * sectors + s, r * sectors + (s + 1) % sectors

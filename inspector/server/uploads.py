@@ -144,11 +144,7 @@ class Uploads:
             and len(content) == transfer.bytes_of(transfer.arrived)
         )
         if not fits:
-            log.warning(
-                "client %s: not the next part of %s, or not of its length",
-                client,
-                transfer.name,
-            )
+            log.warning("client %s: not the next part of %s, or not of its length", client, transfer.name)
             self._drop(client)
             return
         try:

@@ -25,18 +25,7 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.errors import CalibError
 from calib.noise_shape import NoiseShape
 from calib.options import RESIDUAL_KINDS
-from calib.strict_json import (
-    LIST_LIMIT,
-    AboveZero,
-    Finite,
-    JsonFile,
-    Place,
-    Size,
-    Text,
-    Texts,
-    to_json,
-    with_escapes,
-)
+from calib.strict_json import LIST_LIMIT, AboveZero, Finite, JsonFile, Place, Size, Text, Texts, to_json, with_escapes
 from inspector.session.session import Session, StepErrors, asked_out
 
 KIND, VERSION = "robot-calibration-inspector session", 1
@@ -173,11 +162,7 @@ def session_text(
         document["left_out"] = session.asked_out
     if past or future:
         undo = _saved_undo(past, future)
-        document["undo"] = {
-            "steps": list(map(_plain, undo.steps)),
-            "past": undo.past,
-            "future": undo.future,
-        }
+        document["undo"] = {"steps": list(map(_plain, undo.steps)), "past": undo.past, "future": undo.future}
     return with_escapes(json.dumps(json.loads(to_json(document)), indent=1, ensure_ascii=False)) + "\n"
 
 
@@ -260,9 +245,7 @@ def load_session(path: Path) -> Saved:
         folder=dataset.folder,
         name=dataset.name,
         origin=Origin.read(
-            document.origin,
-            document.program_version,
-            file.checked_values(["dataset", "files"], dataset.files, Text),
+            document.origin, document.program_version, file.checked_values(["dataset", "files"], dataset.files, Text)
         ),
         diagnosed=document.diagnosed or False,
         history=document.history,

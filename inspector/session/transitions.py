@@ -13,14 +13,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.repeats import in_repeat_groups_of, without_poses
 from calib.diagnosis.advice import advice_on
 from calib.diagnosis.diagnose import Model, diagnose, next_move
-from calib.diagnosis.effect_selection import (
-    GEOMETRY,
-    FitStep,
-    SelectedEffect,
-    calibrate_with,
-    candidate_of,
-    recalled,
-)
+from calib.diagnosis.effect_selection import GEOMETRY, FitStep, SelectedEffect, calibrate_with, candidate_of, recalled
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise, gone, step_of
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate, with_curves

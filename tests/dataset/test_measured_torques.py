@@ -90,6 +90,8 @@ def test_noise_in_the_torque_does_not_shrink_the_compliance(tmp_path: Path, cell
     plain = found(replace(dataset, robot=replace(dataset.robot, measured_loads=trusted)))
     assert plain[2][0] < 0.85 * COMPLIANCE[2]
     assert "taken for noise" in dataset.warnings[-1]
+    told = " ".join([*dataset.warnings, *dataset.notes])
+    assert [told.count(f"{100.0 * load.explained:.3g} %") for load in dataset.robot.measured_loads] == [1, 1]
 
 
 @pytest.mark.parametrize(

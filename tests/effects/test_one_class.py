@@ -203,7 +203,7 @@ class WrappedHose(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        return cls(one_joint(cell, rng, cls))
+        return one_joint(cell, rng, cls)
 '''
 
 

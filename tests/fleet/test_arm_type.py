@@ -17,8 +17,7 @@ from calib.dataset.files.folder import write_dataset
 from calib.errors import CalibError
 from calib.fleet.arm_type import ArmType, fit_from_type, learn_type, type_report, with_few_poses
 from calib.fleet.type_file import load_type, save_type
-from calib.options import FitOptions
-from calib.type_prior import TypePrior
+from calib.options import FitOptions, TypePrior
 from tests.support.app import command
 from tests.support.fleet_of_type import drawn_fleet
 

@@ -14,7 +14,8 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
-from calib.monitoring.series import DRIFT, STEP, watch_series
+from calib.monitoring.courses import DRIFT, STEP
+from calib.monitoring.series import watch_series
 from calib.monitoring.watch import watch
 from calib.monitoring.watched_cell import watched_cell
 from calib.present.over_time.changes import series_sentence, time_left_sentence, watch_document

@@ -52,7 +52,7 @@ class BowEvidence(Brief):
 
     @property
     def at_apex(self) -> Array:
-        """(9, 36) the planes' moves by which they pass through the bowed faces' heights at the apex."""
+        """Moves (9, 36) of the planes by which they pass through the bowed faces' heights at the apex."""
         out = np.zeros((9, 3 * TERMS))
         for place, face in enumerate(self.order):
             out[3 * face, TERMS * place : TERMS * (place + 1)] = heights(np.zeros((1, 2)), self.rectangular)[0]
@@ -65,7 +65,7 @@ class BowEvidence(Brief):
 
 @lru_cache(maxsize=2)
 def _coefficients(rectangular: bool) -> Array:
-    """(15, 12) coefficients of the powers in each part of a bow: mean square 1 over a face, and mean plane 0."""
+    """Coefficients (15, 12) of the powers in each part of a bow: mean square 1 over a face, and mean plane 0."""
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     nodes, weights = 0.5 * (nodes + 1.0), 0.5 * weights
     u, v = (x.ravel() for x in np.meshgrid(nodes, nodes))
@@ -82,7 +82,7 @@ def _powers(at: Array) -> Array:
 
 
 def heights(at: Array, rectangular: bool) -> Array:
-    """(B, 12) heights of the parts of a bow at places (B, 2): along both edges from the apex, in edge lengths."""
+    """Heights (B, 12) of the parts of a bow at places (B, 2): along both edges from the apex, in edge lengths."""
     return np.asarray(_powers(at) @ _coefficients(rectangular))
 
 
@@ -92,7 +92,7 @@ def right_handed(normals: Array) -> tuple[int, int, int]:
 
 
 def bow_columns(planes: Sequence[PlaneFit], patches: Sequence[Patches], edge_mm: float, rectangular: bool) -> Array:
-    """(B, 36) heights of the bows' parts at the patches of three faces, face by face as these are given."""
+    """Heights (B, 36) of the bows' parts at the patches of three faces, face by face as these are given."""
     order = right_handed(np.array([plane.normal for plane in planes]))
     blocks = []
     for face, (plane, of_face) in enumerate(zip(planes, patches, strict=True)):

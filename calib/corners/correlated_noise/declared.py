@@ -70,7 +70,7 @@ def share_of_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array)
 
 
 def registration_covariance(planes: Sequence[PlaneFit], sigma_mm: float) -> Array:
-    """(9, 9) covariance of three planes by a common shift of sigma_mm per axis, which no single scan reveals."""
+    """Covariance (9, 9) of three planes by a common shift of sigma_mm per axis, which no single scan reveals."""
     normals = np.array([plane.normal for plane in planes])
     covariance = np.zeros((9, 9))
     covariance[::3, ::3] = sigma_mm**2 * normals @ normals.T

@@ -21,7 +21,7 @@ from calib.array_types import Array
 from calib.corners.correlated_noise.patches import PatchPlaces
 
 LENGTHS = np.geomspace(1 / 30, 3.0, 14)
-"""(L,) Correlation lengths l of the Gaussian kernels, in edges of the jig."""
+"""Correlation lengths l (L,) of the Gaussian kernels, in edges of the jig."""
 ROUGH_FROM = 4
 """Index of the shortest length of an exponential kernel: shorter ones look like Gaussian ones in patches."""
 
@@ -34,9 +34,9 @@ def _mixture(length: float) -> Array:
 
 
 SHAPES = np.vstack([np.eye(len(LENGTHS)), [_mixture(length) for length in LENGTHS[ROUGH_FROM:]]])
-"""(S, L) Shares of the Gaussian kernels in each shape of kernel: the Gaussian ones, then the exponential ones."""
+"""Shares (S, L) of the Gaussian kernels in each shape of kernel: the Gaussian ones, then the exponential ones."""
 SHAPE_LENGTHS = np.concatenate([LENGTHS, LENGTHS[ROUGH_FROM:]])
-"""(S,) Correlation lengths of the shapes, in edges of the jig."""
+"""Correlation lengths (S,) of the shapes, in edges of the jig."""
 
 _ROUGH = 0.15  # of a kernel that seems Gaussian: without it mean squared errors over their covariance of 14 were seen
 
@@ -58,7 +58,7 @@ def exponential(variances: Array, lengths: Array) -> Array:
 
 
 def gaussian_kernels(places: PatchPlaces, lengths_mm: Array) -> Array:
-    """(L, B, B) exp(-r^2 / 2 l^2) averaged over the points of each pair of patches, for lengths l (L,).
+    """Means (L, B, B) of exp(-r^2 / 2 l^2) over the points of each pair of patches, for lengths l (L,).
 
     With patches taken as Gaussian of their own second moments S the average is closed: l^2 / sqrt(det M) exp(-d . M^-1
     d / 2), M = l^2 I + S_b + S_c.

@@ -36,13 +36,7 @@ from calib.corners.correlated_noise.declared import (
     registration_covariance,
     share_of_declared,
 )
-from calib.corners.correlated_noise.likelihood import (
-    LENGTHS,
-    SHAPE_LENGTHS,
-    SHAPES,
-    evidence_of,
-    gaussian_kernels,
-)
+from calib.corners.correlated_noise.likelihood import LENGTHS, SHAPE_LENGTHS, SHAPES, evidence_of, gaussian_kernels
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
 from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
 from calib.corners.correlated_noise.surroundings import evidence_of_surroundings, patches_of_surroundings
@@ -92,13 +86,13 @@ class _Faces:
     white: Array  # (9, 9) covariance of the planes from white noise
 
     def along_sight(self, lengths_mm: Array) -> Array:
-        """(L, B, B) covariance of patch heights by an error of variance 1 along the rays, continuous across faces."""
+        """Covariance (L, B, B) of patch heights by an error of variance 1 along the rays, continuous across faces."""
         cosine = np.concatenate([p.cosine for p in self.patches])
         image = joined([p.image for p in self.patches])
         return np.asarray(gaussian_kernels(image, lengths_mm) * np.outer(cosine, cosine))
 
     def uneven(self, lengths_mm: Array) -> Array:
-        """(L, B, B) covariance of patch heights by unevenness of variance 1, independent from face to face."""
+        """Covariance (L, B, B) of patch heights by unevenness of variance 1, independent from face to face."""
         kernels = np.zeros((len(lengths_mm), len(self.face), len(self.face)))
         for number, patches in enumerate(self.patches):
             on = np.flatnonzero(self.face == number)
@@ -106,13 +100,13 @@ class _Faces:
         return kernels
 
     def covariance(self, size_mm2: Array, declared_mm2: float, declared_length_mm: float, edge_mm: float) -> Array:
-        """(B, B) covariance of patch heights by white noise and errors of variances (2, S), see `patch_covariance`."""
+        """Covariance (B, B) of patch heights by white noise and errors of variances (2, S), see `patch_covariance`."""
         forms = (self.along_sight, self.uneven)
         correlated = patch_covariance(forms, size_mm2, declared_mm2, declared_length_mm, edge_mm)
         return np.asarray(correlated + np.diag(self.variance_mm2))
 
     def moved(self, kernels: Array) -> Array:
-        """(L, 9, 9) covariance of the planes by errors whose covariance over the patches is `kernels` (L, B, B)."""
+        """Covariance (L, 9, 9) of the planes by errors whose covariance over the patches is `kernels` (L, B, B)."""
         return np.asarray(self.influence.T @ kernels @ self.influence)
 
 

@@ -21,7 +21,7 @@ from calib.array_types import Array, BoolArray
 from calib.corners.correlated_noise.likelihood import LENGTHS, SHAPES, exponential, partly_rough
 
 SIZES = np.geomspace(0.02, 60.0, 32)
-"""(W,) Sizes of correlated errors that are weighed, times the points' scatter."""
+"""Sizes (W,) of correlated errors that are weighed, times the points' scatter."""
 _MOST_SIZE = 5.0  # larger smooth errors than so many times a face's scatter leave more scatter than that
 # The harm that white noise alone leaves of any one kernel and size, as a share of the apex's variance; with 0.3 the
 # covariance under white noise comes out a tenth larger, with 1 a fifth.
@@ -72,7 +72,7 @@ def patch_covariance(
     declared_length_mm: float,
     edge_mm: float,
 ) -> Array:
-    """(B, B) covariance of patches' means by correlated errors, Gaussian kernels being taken as partly rough.
+    """Covariance (B, B) of patches' means by correlated errors, Gaussian kernels being taken as partly rough.
 
     Each of the F forms gives the covariances (L, B, B) by errors of variance 1 and Gaussian kernels of lengths (L,);
     size_mm2 (F, S) are the errors' variances by form and shape, declared_mm2 that of a declared error of the first.

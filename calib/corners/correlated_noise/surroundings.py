@@ -106,8 +106,7 @@ def evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) 
     larger = np.logaddexp.accumulate(likelihood[:, ::-1], axis=1)[:, ::-1] - np.log(len(SIZES) - place)
     anything = np.logaddexp.reduce(likelihood, axis=None) - np.log(likelihood.size)
     waves = np.logaddexp(
-        np.log(_PRIOR_FLAT) + np.logaddexp.reduce(flat, axis=0) - np.log(len(flat)),
-        np.log(1 - _PRIOR_FLAT) + larger,
+        np.log(_PRIOR_FLAT) + np.logaddexp.reduce(flat, axis=0) - np.log(len(flat)), np.log(1 - _PRIOR_FLAT) + larger
     )
     none = float(np.logaddexp(np.log(_PRIOR_FLAT), np.log(1 - _PRIOR_FLAT) + anything))
     return waves, none, evidence.expected_loss

@@ -208,13 +208,7 @@ def moved_back(
 
 
 def seen_on_face(
-    local: Array,
-    planes: Sequence[PlaneFit],
-    face: int,
-    origin: Array,
-    grid: PixelGrid,
-    jig: Jig,
-    outline: Outline,
+    local: Array, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid, jig: Jig, outline: Outline
 ) -> BoolArray:
     """Mask (N,) of the points whose pixels certainly see the face, and nothing that lies far behind it.
 

@@ -327,10 +327,7 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, copy)
     write_text_atomically(folder / "robot.toml", robot_to_toml(dataset.robot))
-    write_text_atomically(
-        folder / "poses.csv",
-        frame_csv(poses_frame(dataset.poses, dataset.robot)),
-    )
+    write_text_atomically(folder / "poses.csv", frame_csv(poses_frame(dataset.poses, dataset.robot)))
     if dataset.points is not None:
         text = frame_csv(points_frame(dataset.poses, dataset.points))
         write_text_atomically(folder / "points.csv", text)

@@ -284,10 +284,7 @@ def _load_orientations(
     length = np.linalg.norm(quaternion, axis=1)
     for row in np.flatnonzero(np.abs(length - 1.0) > 1e-3):
         raise file.error(
-            int(row),
-            "qw ... qz",
-            f"a quaternion of length {length[row]:.4g}",
-            "give a unit quaternion, qw first",
+            int(row), "qw ... qz", f"a quaternion of length {length[row]:.4g}", "give a unit quaternion, qw first"
         )
     scanner_R_jig = rotation_from_quaternion(quaternion)
     scanner_R_jig[~known] = np.nan

@@ -196,12 +196,7 @@ def robot_to_toml(robot: Robot) -> str:
     document["joints"] = [_joint_document(joint) for joint in robot.joints]
     tool = robot.tool
     document["tool"] = _present(
-        {
-            **_link_document(tool),
-            "mass_kg": tool.mass_kg,
-            "com_mm": tool.com_mm,
-            "payload_com_mm": tool.payload_com_mm,
-        }
+        {**_link_document(tool), "mass_kg": tool.mass_kg, "com_mm": tool.com_mm, "payload_com_mm": tool.payload_com_mm}
     ) | dict(tool.extra)
     on_arm = [target for target in robot.targets if not target.in_world]
     if on_arm:

@@ -12,17 +12,7 @@ from calib.dataset.files.cell_tables import jig_document, load_jig
 from calib.errors import is_one_line
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
-from calib.target_shapes import (
-    SPHERE_MM,
-    DeclaredTarget,
-    OwnShape,
-    PlaneSet,
-    Plate,
-    Shape,
-    Socket,
-    Sphere,
-    Spheres,
-)
+from calib.target_shapes import SPHERE_MM, DeclaredTarget, OwnShape, PlaneSet, Plate, Shape, Socket, Sphere, Spheres
 from calib.text_files.toml_table import TomlTable
 
 _MOST_TARGETS = 50

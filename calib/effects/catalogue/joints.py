@@ -14,7 +14,6 @@ from calib.effects.catalogue.order_steps import is_measured_for_training
 from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter
 from calib.effects.shaped import JointOffset, ShapedEffect
 from calib.effects.state import RobotState
-from calib.kinematics.robot import Robot
 
 DENT_WIDTHS_DEG = (4, 7, 12, 20)  # standard deviations of a dent's shape
 FEWEST_INSIDE = 3  # training poses within 1.2 of them: with fewer a dent is only an outlier
@@ -35,11 +34,6 @@ def _periodic_error(state: RobotState, joint: int, order: float, values: dict[st
     sine, cosine = values.values()
     q = state.q_rad[:, joint]
     return state.add_joint_error(joint, sine * np.sin(order * q) + cosine * np.cos(order * q))
-
-
-def revolute_joints(robot: Robot) -> list[int]:
-    """Indices of the revolute joints."""
-    return [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
 
 
 @dataclass(frozen=True)
@@ -81,7 +75,7 @@ class TransmissionError(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each of three harmonics of each revolute joint."""
-        return Family(cls.name, tuple(cls(j, n) for j in revolute_joints(dataset.robot) for n in (1, 2, 3)))
+        return Family(cls.name, tuple(cls(j, n) for j in dataset.robot.revolute_joints for n in (1, 2, 3)))
 
 
 @dataclass(frozen=True)
@@ -116,7 +110,7 @@ class StrainWave(TransmissionError):
         )
         if members:
             return Family(cls.name, members)
-        return Family(cls.name, (), "robot.toml has no gear_ratio", "add gear_ratio to each [[joints]]")
+        return cls.untestable("robot.toml has no gear_ratio", "add gear_ratio to each [[joints]]")
 
 
 @dataclass(frozen=True)
@@ -157,7 +151,7 @@ class HighHarmonic(ShapedEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each of 17 harmonics of each revolute joint."""
-        joints = revolute_joints(dataset.robot)
+        joints = dataset.robot.revolute_joints
         return Family(cls.name, tuple(cls(j, n) for j in joints for n in HIGH_ORDERS), sparse=True)
 
 
@@ -275,7 +269,7 @@ class JointCoupling(CatalogueEffect):
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
         if n < 2:
-            return Family(cls.name, (), "the arm has one joint", "nothing: there is no neighbour")
+            return cls.untestable("the arm has one joint", "nothing: there is no neighbour")
         return Family(cls.name, tuple(cls(joint, driver) for joint, driver in pairs))
 
 
@@ -323,10 +317,10 @@ class CableDrag(ShapedEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect: each joint of each pair of revolute neighbours, two harmonics of sum or difference."""
-        turning = revolute_joints(dataset.robot)
+        turning = dataset.robot.revolute_joints
         pairs = [(j, k) for j in turning for k in turning if abs(j - k) == 1]
         if not pairs:
-            return Family(cls.name, (), "no two neighbouring joints turn", "nothing: no cable runs so")
+            return cls.untestable("no two neighbouring joints turn", "nothing: no cable runs so")
         members = [cls(j, k, sign, order) for j, k in pairs for sign in (1, -1) for order in (1, 2)]
         return Family(cls.name, tuple(members), sparse=True)
 
@@ -386,11 +380,9 @@ class Counterbalance(ShapedEffect):
         """Family of this effect for joint 2, with a member for each of 72 dead centres and five ratios."""
         robot = dataset.robot
         if robot.n_joints < 2 or not all(joint.is_revolute for joint in robot.joints[:2]):
-            return Family(cls.name, (), "joints 1 and 2 do not both turn", "nothing: such an arm has no such spring")
+            return cls.untestable("joints 1 and 2 do not both turn", "nothing: such an arm has no such spring")
         if abs(np.cos(robot.table[0, 1])) > 0.5:
-            return Family(
-                cls.name, (), "joint 2 does not turn across joint 1", "nothing: no weight has to be balanced there"
-            )
+            return cls.untestable("joint 2 does not turn across joint 1", "nothing: no weight has to be balanced there")
         members = tuple(cls(1, deg, pct) for deg in range(0, 360, DEAD_CENTRE_STEP_DEG) for pct in BALANCER_RATIOS_PCT)
         return Family(cls.name, members, sparse=True, most_members=1, finer=_around)
 
@@ -440,18 +432,14 @@ class Backlash(CatalogueEffect):
         """Family of this effect with one member for each joint that training poses approach from both sides."""
         poses = dataset.poses
         if poses.approach is None:
-            return Family(
-                cls.name,
-                (),
+            return cls.untestable(
                 "poses.csv has no approach columns",
                 "move to each pose from both sides and write approach1 ... (-1 or 1)",
             )
         sides = [np.unique(poses.approach[~poses.is_test, j]) for j in range(dataset.robot.n_joints)]
         both = [j for j, of_joint in enumerate(sides) if len(of_joint) > 1]
         if not both:
-            return Family(
-                cls.name,
-                (),
+            return cls.untestable(
                 "every joint always came from the same side: backlash is then a joint offset",
                 "come to some poses from the other side",
             )
@@ -553,7 +541,7 @@ class JointDent(ShapedEffect):
         poses = dataset.poses
         q_deg = np.degrees(poses.q[is_measured_for_training(dataset)])
         members = []
-        for joint in revolute_joints(dataset.robot):
+        for joint in dataset.robot.revolute_joints:
             angle = q_deg[:, joint]
             for width_deg in DENT_WIDTHS_DEG:
                 places = np.arange(np.floor(angle.min()), angle.max() + 1.0, width_deg // 2)
@@ -563,7 +551,7 @@ class JointDent(ShapedEffect):
         if members:
             return Family(cls.name, tuple(members), sparse=True)
         few = f"nowhere are {FEWEST_INSIDE} poses within a few degrees of a joint"
-        return Family(cls.name, (), few, "measure more poses")
+        return cls.untestable(few, "measure more poses")
 
 
 @dataclass(frozen=True)
@@ -620,4 +608,4 @@ class AxisWobble(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each of two harmonics of each revolute joint."""
-        return Family(cls.name, tuple(cls(j, n) for j in revolute_joints(dataset.robot) for n in (1, 2)))
+        return Family(cls.name, tuple(cls(j, n) for j in dataset.robot.revolute_joints for n in (1, 2)))

@@ -236,7 +236,7 @@ class LinkBending(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The compliance L / EI."""
+        """The link's only parameter, its compliance L / EI."""
         doc = "L / EI: turn of the link's end by a unit moment"
         return (Parameter("c_rad_per_nm", "rad/Nm", _LINK, doc, positive=True),)
 
@@ -455,7 +455,7 @@ class NonlinearStiffness(CatalogueEffect):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each revolute joint, and its wind-ups where it is under load."""
         robot = dataset.robot
-        turning = [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
+        turning = robot.revolute_joints
         family = where_load_is_known(Family(cls.name, tuple(map(cls, turning))), robot)
         if family.why_not:
             return family
@@ -543,7 +543,7 @@ class LinkTorsion(CatalogueEffect):
         members = tuple(cls(int(j)) for j in np.flatnonzero(out))
         if not members:
             along = "every link lies along its joint's axis, so that its torsion is the joint's compliance"
-            return Family(cls.name, (), along, "nothing: joint_compliance is tested", covered=True)
+            return cls.untestable(along, "nothing: joint_compliance is tested", covered=True)
         return where_masses_are_known(Family(cls.name, members), dataset.robot)
 
 
@@ -585,7 +585,7 @@ class BearingClearance(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each revolute joint."""
-        turning = [j for j, joint in enumerate(dataset.robot.joints) if joint.is_revolute]
+        turning = dataset.robot.revolute_joints
         return where_masses_are_known(Family(cls.name, tuple(map(cls, turning))), dataset.robot)
 
 

@@ -430,7 +430,7 @@ class PayloadStep(Step):
             if joint.is_revolute and np.abs(gravity.held_torque(j)).max() > _LOADED_NM
         )
         if not loaded:
-            return Family(cls.name, (), "a mass at the flange turns no joint", "nothing: no joint gives way to it")
+            return cls.untestable("a mass at the flange turns no joint", "nothing: no joint gives way to it")
         return _family(dataset, cls.name, lambda at: [cls(loaded, at)])
 
 
@@ -493,6 +493,6 @@ class LinkStep(Step):
         links = np.flatnonzero(np.hypot(rows[:, 0], rows[:, 2]) >= _BENDS_MM).tolist()
         if not links:
             short = f"no link with two joints beyond it is {_BENDS_MM:g} mm long"
-            return Family(cls.name, (), short, "nothing: a knock that turns so short a link is a step of a joint")
+            return cls.untestable(short, "nothing: a knock that turns so short a link is a step of a joint")
         family = _family(dataset, cls.name, lambda at: [cls(j, at) for j in links], MOST_LINK_STEPS, at_setups=False)
         return replace(family, most_members=1, contains=(JointStep.name,))

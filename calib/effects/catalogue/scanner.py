@@ -148,10 +148,10 @@ class ScannerDrift(CatalogueEffect):
         """Family of this effect with one member: a drift over the session, about the middle of the training points."""
         time_s = dataset.poses.time_s
         if time_s is None:
-            return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
+            return cls.untestable("poses.csv has no time_s", "write down when each pose was measured")
         start_s, duration_s = float(time_s.min()), float(np.ptp(time_s))
         if duration_s <= 0.0:
-            return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")
+            return cls.untestable("time_s is the same at every pose", "write down when each pose was measured")
         return Family(cls.name, (cls(*field_of(dataset), start_s, duration_s),))
 
 
@@ -190,16 +190,12 @@ class IncidenceBias(CatalogueEffect):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member, where the target is a jig."""
         if dataset.robot.carries_scanner:
-            return Family(
-                cls.name,
-                (),
+            return cls.untestable(
                 "the scanner is on the flange, and the orientation of the jig in the world is no part of the model",
                 "put the scanner beside the arm and the jig on the flange",
             )
         if not dataset.shows_faces:
-            return Family(
-                cls.name,
-                (),
+            return cls.untestable(
                 "points.csv is of mirrors or balls, as a tracker measures them, and these have no faces that turn away",
                 "where the points are of a jig with faces, say so in dataset.toml: [jig]",
             )

@@ -13,7 +13,6 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.signals import named_temperatures
-from calib.effects.catalogue.joints import revolute_joints
 from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter
 from calib.effects.shaped import Growth, HeatOfMotor, ShapedEffect
 from calib.effects.state import RobotState
@@ -91,11 +90,9 @@ class ThermalGrowth(CatalogueEffect):
         if sensed and (temperature is None or float(np.ptp(temperature[~poses.is_test])) < _SAME_C):
             return Family(cls.name, sensed)
         if temperature is None:
-            return Family(cls.name, (), "poses.csv has no temperature_c", "add the arm's temperature at each pose")
+            return cls.untestable("poses.csv has no temperature_c", "add the arm's temperature at each pose")
         if float(np.ptp(temperature[~poses.is_test])) < _SAME_C:
-            return Family(
-                cls.name,
-                (),
+            return cls.untestable(
                 f"the temperature was {temperature[0]:g} C at every pose",
                 "measure cold and warmed up, 5 K apart or more",
             )
@@ -152,7 +149,7 @@ class JointBySensor(GrowthBySensor):
 
 def _by_sensors(dataset: Dataset) -> Iterator[ThermalGrowth]:
     """Members for each named temperature that varies: all links, and the joint of its number or else every joint."""
-    turning = revolute_joints(dataset.robot)
+    turning = dataset.robot.revolute_joints
     for sensor, temperature_c in named_temperatures(dataset.poses).items():
         if float(np.ptp(temperature_c[~dataset.poses.is_test])) < _SAME_C:
             continue
@@ -216,19 +213,15 @@ class WarmUp(ShapedEffect):
         """Family of this effect with one member per time constant T of a grid, up to three times the session."""
         poses = dataset.poses
         if poses.time_s is None:
-            return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
+            return cls.untestable("poses.csv has no time_s", "write down when each pose was measured")
         if poses.temperature_c is not None or named_temperatures(poses):
             known = "poses.csv has temperature_c, by which thermal_growth tests it"
-            return Family(
-                cls.name,
-                (),
-                known,
-                "thermal_growth, which takes the measured temperature, tests the same cause",
-                covered=True,
+            return cls.untestable(
+                known, "thermal_growth, which takes the measured temperature, tests the same cause", covered=True
             )
         start_s, last_s = float(poses.time_s.min()), float(poses.time_s.max())
         if last_s <= start_s:
-            return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")
+            return cls.untestable("time_s is the same at every pose", "write down when each pose was measured")
         minutes = [m for m in WARM_UP_MINUTES if 60.0 * m <= 3.0 * (last_s - start_s)] or [WARM_UP_MINUTES[0]]
         return Family(cls.name, tuple(cls(m, start_s, last_s) for m in minutes), sparse=True)
 
@@ -320,11 +313,11 @@ class MotorHeat(ShapedEffect):
         """Family of this effect with one member for each revolute joint, of ten time constants and either start."""
         poses = dataset.poses
         if poses.time_s is None:
-            return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
+            return cls.untestable("poses.csv has no time_s", "write down when each pose was measured")
         if float(np.ptp(poses.time_s)) <= 0.0:
-            return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")
-        turning = [j for j, joint in enumerate(dataset.robot.joints) if joint.is_revolute]
+            return cls.untestable("time_s is the same at every pose", "write down when each pose was measured")
+        turning = dataset.robot.revolute_joints
         if not turning:
-            return Family(cls.name, (), "no joint turns", "nothing: it is a matter of motors at joints that turn")
+            return cls.untestable("no joint turns", "nothing: it is a matter of motors at joints that turn")
         members = tuple(cls(j, s, warm) for j in turning for s in HEAT_SECONDS for warm in (False, True))
         return Family(cls.name, members, sparse=True, superposed=True)

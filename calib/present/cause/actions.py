@@ -92,10 +92,7 @@ def _confirmations(diagnosis: Diagnosis | None) -> list[str]:
 
 
 def _to_measure(
-    calibration: Calibration,
-    diagnosis: Diagnosis | None,
-    next_poses: NextPoses | None,
-    outlier_poses: Sequence[str],
+    calibration: Calibration, diagnosis: Diagnosis | None, next_poses: NextPoses | None, outlier_poses: Sequence[str]
 ) -> list[str]:
     actions = []
     dataset, after = calibration.dataset, calibration.after

@@ -12,15 +12,7 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.probabilities import CauseProbabilities
-from calib.effects.effect import (
-    Description,
-    Effect,
-    describe,
-    family_name,
-    full_name,
-    has_meaning,
-    parameters_by_name,
-)
+from calib.effects.effect import Description, Effect, describe, family_name, full_name, has_meaning, parameters_by_name
 from calib.kinematics.robot import Robot
 from calib.planning.discrimination import DiscriminatingPose
 from calib.present.effects import meaning, not_testable, title
@@ -295,11 +287,7 @@ def _values(
         on_arm = "" if is_read_already or is_zero else meaning(owner, parameter, value, calibration)
         means = ": ".join(filter(None, (parameter.doc, on_arm)))
         rows.append(
-            (
-                name.partition(".")[2] or name,
-                numbers.with_sigma(value, sigma, parameter.unit),
-                means or numbers.MISSING,
-            )
+            (name.partition(".")[2] or name, numbers.with_sigma(value, sigma, parameter.unit), means or numbers.MISSING)
         )
         selects.append(joint(joints[name]) if name in joints else None)
     headers = (heading, "value ± sigma", "that is")

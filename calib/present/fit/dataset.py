@@ -51,9 +51,7 @@ def measured_blocks(calibration: Calibration, searches: Mapping[str, CornerSearc
 
 
 def facts(
-    dataset: Dataset,
-    searches: Mapping[str, CornerSearch] = NOT_SEARCHED,
-    calibration: Calibration | None = None,
+    dataset: Dataset, searches: Mapping[str, CornerSearch] = NOT_SEARCHED, calibration: Calibration | None = None
 ) -> list[tuple[str, object]]:
     """Facts (name and value) on the arm, the poses by role, the measurements, the noise and the conditions."""
     poses = dataset.poses

@@ -34,13 +34,7 @@ def promise_document(promise: PointPromise, poses: Poses) -> dict[str, Any]:
     """JSON keys of all measured points with the sigma promised for a pose that no fit saw, and the coverage."""
     return {
         "poses": [
-            {
-                "pose": poses.ids[pose],
-                "role": poses.role[pose],
-                "target": target,
-                "error_mm": error,
-                "sigma_mm": sigma,
-            }
+            {"pose": poses.ids[pose], "role": poses.role[pose], "target": target, "error_mm": error, "sigma_mm": sigma}
             for pose, target, error, sigma in zip(
                 promise.pose, promise.target.tolist(), promise.error_mm, promise.sigma_mm, strict=True
             )

@@ -15,10 +15,7 @@ from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph
 
 HEADING = "Which parameters can be known"
 _CAPTION = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
-_WITHOUT_ATTITUDE = {
-    "pose": "the jig may sit on the tool anyhow",
-    "position": "a point has a place and no attitude",
-}
+_WITHOUT_ATTITUDE = {"pose": "the jig may sit on the tool anyhow", "position": "a point has a place and no attitude"}
 
 
 @presentation.register

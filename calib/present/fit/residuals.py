@@ -23,12 +23,7 @@ from calib.screening.residual_tests import STRUCTURE_LEVEL, InputTest, ResidualT
 LENGTH = "error length"
 AXES = {f"error in {axis} of the instrument": k for k, axis in enumerate("xyz")}
 UNITS = {"payload_kg": "kg", "temperature_c": "°C", "time_s": "s", "x": "mm", "y": "mm", "z": "mm"}
-NAMES = {
-    "payload_kg": "payload",
-    "temperature_c": "temperature",
-    "time_s": "time",
-    "order": "order of measuring",
-}
+NAMES = {"payload_kg": "payload", "temperature_c": "temperature", "time_s": "time", "order": "order of measuring"}
 
 
 _LISTED_INPUTS = 5  # the strongest

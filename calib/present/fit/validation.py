@@ -96,10 +96,7 @@ def learning_curve_blocks(curve: LearningCurve) -> list[Block]:
     rows = [
         (
             step.poses,
-            *map(
-                numbers.column_mm,
-                (step.train_rmse_mm, step.held_out_rmse_mm, step.spread_mm, step.sigma_mm),
-            ),
+            *map(numbers.column_mm, (step.train_rmse_mm, step.held_out_rmse_mm, step.spread_mm, step.sigma_mm)),
         )
         for step in curve.steps
     ]
@@ -189,11 +186,7 @@ def saved_model_blocks(fitted: FittedModel, dataset: Dataset, before: Evaluation
 
 def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[str, Any]:
     """Document that `validate --json` prints: held-out errors by fold and pose, learning curve, and verdicts."""
-    return {
-        **document(folds),
-        "learning_curve": document(curve),
-        "notes": [*folds.notes, *curve.notes],
-    }
+    return {**document(folds), "learning_curve": document(curve), "notes": [*folds.notes, *curve.notes]}
 
 
 @document.register

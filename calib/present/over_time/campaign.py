@@ -221,11 +221,7 @@ def _outlook_document(campaign: Campaign, tolerance_mm: float | None) -> dict[st
         "next": []
         if outlook is None
         else [
-            {
-                "pose": n.pose,
-                "setup": n.setup,
-                **dict(zip(columns, _joints(campaign.dataset.robot, n), strict=True)),
-            }
+            {"pose": n.pose, "setup": n.setup, **dict(zip(columns, _joints(campaign.dataset.robot, n), strict=True))}
             for n in outlook.next
         ],
         "enough": campaign.has_enough or campaign.is_within(tolerance_mm),

@@ -10,8 +10,9 @@ from calib.lazy_modules import pd
 from calib.monitoring.change_models import BASE, NOISE, change_label
 from calib.monitoring.change_tests import Change, Detectable
 from calib.monitoring.control_chart import in_time, size_in_degrees, usual_name
+from calib.monitoring.courses import DRIFT, STEP
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
-from calib.monitoring.series import DRIFT, EWMA_WEIGHT, STEP, MovingAverage, SeriesReport
+from calib.monitoring.series import EWMA_WEIGHT, MovingAverage, SeriesReport
 from calib.monitoring.watch import ChangeReport
 from calib.monitoring.watched_cell import WatchedCell
 from calib.present.over_time.comparison import misfit_sentence, or_confounded

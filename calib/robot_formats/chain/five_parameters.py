@@ -153,13 +153,7 @@ def _last_rows(frame_T_tip: Array) -> tuple[Row, Row]:
         turn = float(np.arctan2(-R[0, 1], R[1, 1]))
     rest = rotation_from_rpy([0.0, 0.0, -turn]) @ R
     alpha, beta = np.arctan2(rest[2, 1], rest[1, 1]), np.arctan2(rest[0, 2], rest[0, 0])
-    return (float((back @ [x, y, z])[0]), 0.0, 0.0, theta, 0.0), (
-        0.0,
-        float(alpha),
-        float(z),
-        turn,
-        float(beta),
-    )
+    return (float((back @ [x, y, z])[0]), 0.0, 0.0, theta, 0.0), (0.0, float(alpha), float(z), turn, float(beta))
 
 
 def _plain(row: Row) -> Row:

@@ -37,11 +37,6 @@ def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, .
     return tuple(_following(file, moving, by_name, i) for i in range(len(moving)))
 
 
-def coupling_of(following: Sequence[Following]) -> tuple[tuple[float, ...], ...]:
-    """Matrix (n, n) from commanded to joint values; () where no joint follows another."""
-    return tuple(each.row for each in following) if any(each.words for each in following) else ()
-
-
 def _following(file: XmlFile, moving: Sequence[UrdfJoint], by_name: dict[str, int], i: int) -> Following:
     row, offset, factor, at, seen = np.zeros(len(moving)), 0.0, 1.0, moving[i], {i}
     row[i] = 1.0
@@ -194,7 +189,7 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
         gravity_m_s2=gravity,
         base=arm.base,
         tip=arm.tip,
-        coupling=coupling_of(arm.following),
+        coupling=tuple(each.row for each in arm.following) if any(each.words for each in arm.following) else (),
         notes=tuple(notes),
     )
 

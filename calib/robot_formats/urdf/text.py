@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.errors import visible
 from calib.frames import invert, make_transform, rpy_from_rotation
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 from calib.robot_formats.urdf.chain import ArmPath
@@ -136,7 +135,7 @@ def numbers(values: Array) -> str:
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
-def plain_urdf(chain: SerialChain, comment: str = "") -> str:
+def plain_urdf(chain: SerialChain) -> str:
     """A URDF with the chain's links and joints only. Raises RobotFileError where names would be the same."""
     names = [joint.name for joint in chain.joints]
     base, tip = chain.base or "base_link", chain.tip or "tool0"
@@ -144,8 +143,6 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
     if len({*names, "tool_fixed"}) <= len(names) or len({base, tip, *links}) < len(links) + 2:
         raise RobotFileError(f"robot {chain.name}: its joints have the same names; a URDF needs one for each")
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(chain.name)}>"]
-    if comment:
-        lines.append(f"  <!-- {escape(visible(comment).replace('--', '- -'))} -->")
     stands = standing(chain)
     if stands is not None:  # a URDF's root is upright
         if "world" in (base, tip, *links) or "world_fixed" in names:
@@ -173,10 +170,7 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
     if chain.tool_point_mm is not None:
         taken = {*names, *links, base, tip}
         lines += _tool_point_lines(tip, make_transform(np.eye(3), chain.tool_point_mm), taken)
-    lines += [
-        "</robot>",
-        "",
-    ]
+    lines += ["</robot>", ""]
     return "\n".join(lines)
 
 

@@ -8,14 +8,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import ScanError
-from calib.scans.readers.parsing import (
-    PointsAndNormals,
-    doubles,
-    numbers,
-    require_bounded,
-    text_lines,
-    truncated,
-)
+from calib.scans.readers.parsing import PointsAndNormals, doubles, numbers, require_bounded, text_lines, truncated
 
 _STL_START = 84  # bytes before the triangles: a free text of 80, the number of triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])

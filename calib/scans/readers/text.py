@@ -8,15 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import ScanError
-from calib.scans.readers.parsing import (
-    NO_VALUE,
-    PointsAndNormals,
-    columns_of,
-    numbers,
-    split,
-    text_lines,
-    truncated,
-)
+from calib.scans.readers.parsing import NO_VALUE, PointsAndNormals, columns_of, numbers, split, text_lines, truncated
 
 _COMMENTS = ("#", "//", "%", "!")
 _DELIMITERS = (";", "\t", ",", "|")

@@ -32,7 +32,7 @@ def learn_couplings(projected: ProjectedResidual) -> LearnedCurves | None:
     """
     robot = projected.residuals.model.robot
     inputs = coupling_inputs(robot)
-    turning = [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
+    turning = robot.revolute_joints
     columns_each, rows = 2 * len(inputs), len(projected.residual)
     if len(turning) < _LEAST_JOINTS or rows**2 * columns_each * len(turning) > MOST_WORK:
         return None

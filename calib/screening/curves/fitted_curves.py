@@ -217,7 +217,7 @@ class LearnedJointError:
 
 
 def curve_at(curve, u):
-    """(N,) rad, at inputs (N,)."""
+    """Values (N,), rad, at inputs (N,)."""
     phase = curve["rate"] * (u - curve["start"])
     out = np.zeros(len(u))
     for n, sine, cosine in curve["harmonics"]:
@@ -283,12 +283,7 @@ def _curve(modes: CurveModes | FormulaModes, fitted: np.ndarray) -> dict[str, ob
     harmonics: list[tuple[float, float, float]] = []
     terms: list[tuple[str, float, float, float]] = []
     if isinstance(modes, CurveModes):
-        out |= {
-            "low": max(modes.low, -1e300),
-            "high": min(modes.high, 1e300),
-            "start": modes.start,
-            "rate": modes.rate,
-        }
+        out |= {"low": max(modes.low, -1e300), "high": min(modes.high, 1e300), "start": modes.start, "rate": modes.rate}
         pairs = (modes.weights @ fitted).reshape(-1, 2)
         harmonics = [(int(n), float(s), float(c)) for n, (s, c) in zip(modes.orders, pairs, strict=True)]
     else:

@@ -86,7 +86,7 @@ def law_columns(projected: ProjectedResidual, besides: Collection[str] = ()) -> 
 
 
 @one_blas_thread()
-def search_laws(projected: ProjectedResidual, most: int = MOST_LAWS) -> FoundLaws | None:
+def search_laws(projected: ProjectedResidual) -> FoundLaws | None:
     """Laws that the residual supports, found one after the other; None where there are none."""
     tried = law_columns(projected)
     if not tried.forms:
@@ -100,7 +100,7 @@ def search_laws(projected: ProjectedResidual, most: int = MOST_LAWS) -> FoundLaw
     price = float(np.log(len(blocks)))
     chosen: list[int] = []
     picked: list[tuple[float, tuple[LawForm, ...]]] = []
-    for _ in range(most):
+    for _ in range(MOST_LAWS):
         gains = evidence.gains_of(spectrum, further)
         order = sorted(range(len(gains)), key=lambda k: -gains[k][0])
         best = order[0]
@@ -177,7 +177,7 @@ def rms(values: Array) -> float:
 
 
 def _unlike(best: LawForm, others: Sequence[LawForm]) -> tuple[LawForm, ...]:
-    """The first of each kind and joint among some laws that is of another kind, or of another joint, than the best."""
+    """First law of each kind and joint, of those that differ in kind or joint from the best."""
     out: dict[tuple[str, int], LawForm] = {}
     for other in others:
         if (other.kind, other.joint) != (best.kind, best.joint):

@@ -50,7 +50,6 @@ LAW_KINDS = (
 )
 OF_ONE_INPUT = (ANGLE, LOAD, TIME)
 """Kinds that a curve over that input follows as well."""
-HISTORY_KINDS = (WAY, DIRECTION, DIRECTION_BY_ANGLE, DIRECTION_BY_LOAD, MEMORY, WEAR)
 
 _OWN_WAVES = range(1, 61)
 _LOAD_WAVES = range(1, 41)  # teeth and rollers that give way unevenly

@@ -179,7 +179,7 @@ class SmoothJointError:
 
     @property
     def bounds(self) -> tuple[NaturalBound, ...]:
-        """What no joint does: a bound of a law's size; none of a mode's of a curve, of which many share an error."""
+        """Natural bound of a law's size; none for a mode of a curve, of which many share an error."""
         return LAW_BOUNDS if isinstance(self.modes, FormulaModes) else ()
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
@@ -251,10 +251,7 @@ def _formula_of(member: SmoothJointError, modes: FormulaModes, values: Mapping[s
     parts = []
     for term in modes.terms:
         if term.kind == "harmonic":
-            parts += [
-                f"{next(fitted):+.3g} sin({term.order} {u})",
-                f"{next(fitted):+.3g} cos({term.order} {u})",
-            ]
+            parts += [f"{next(fitted):+.3g} sin({term.order} {u})", f"{next(fitted):+.3g} cos({term.order} {u})"]
             continue
         shape = {
             "bump": f"exp(-(({u} - {term.place:.3g}) / {term.width:.3g})^2 / 2)",

@@ -53,11 +53,9 @@ class HighHarmonic(TransmissionError):
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         order, turn_rad = (float(rng.integers(4, 21)),), rng.uniform(0.0, 2.0 * np.pi)
-
-        def make(size: Array) -> SampledEffect:
-            return cls(size[:, None] * np.cos(turn_rad), size[:, None] * np.sin(turn_rad), order)
-
-        return make(one_joint(cell, rng, make))
+        return one_joint(
+            cell, rng, lambda size: cls(size[:, None] * np.cos(turn_rad), size[:, None] * np.sin(turn_rad), order)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +88,7 @@ def _equal_waves(kind: type[TransmissionError], cell: SimulatedCell, rng: Rng) -
     """A transmission error of one joint whose waves are equally large, with random phases."""
     phase_rad = rng.uniform(0.0, 2.0 * np.pi, len(kind.harmonics))
 
-    def make(size: Array) -> SampledEffect:
-        return kind(np.outer(size, np.cos(phase_rad)), np.outer(size, np.sin(phase_rad)))
-
-    return make(one_joint(cell, rng, make))
+    return one_joint(cell, rng, lambda size: kind(np.outer(size, np.cos(phase_rad)), np.outer(size, np.sin(phase_rad))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,10 +204,7 @@ class JointDent(SampledEffect):
         place_rad = cell.q[rng.integers(len(cell.q))].copy()
         width_rad = rng.uniform(0.2, 0.35)
 
-        def make(size: Array) -> SampledEffect:
-            return cls(size, place_rad, width_rad)
-
-        return make(one_joint(cell, rng, make))
+        return one_joint(cell, rng, lambda size: cls(size, place_rad, width_rad))
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +225,7 @@ class AsymmetricScale(SampledEffect):
         both = (share > 0.15) & (share < 0.85)
         if not both.any():
             raise CalibError(f"asymmetric_scale: no joint of {cell.nominal.name} moves to both sides of its zero")
-        return cls(one_joint(cell, rng, lambda size: cls(size * both)))
+        return one_joint(cell, rng, lambda size: cls(size * both))
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,10 +253,7 @@ class CableDrag(SampledEffect):
         if not pair.any():
             raise CalibError(f"cable_drag: no two neighbouring joints of {cell.nominal.name} turn")
 
-        def make(size: Array) -> SampledEffect:
-            return cls(size * pair, phase_rad, sign, order)
-
-        return make(one_joint(cell, rng, make))
+        return one_joint(cell, rng, lambda size: cls(size * pair, phase_rad, sign, order))
 
 
 # ---- links and axes -------------------------------------------------------------------------------------------------

@@ -161,10 +161,7 @@ class LinkTorsion(SampledEffect):
         if not long.any():
             raise CalibError(f"link_torsion: no link of {cell.nominal.name} reaches out from its joint's axis")
 
-        def make(size: Array) -> SampledEffect:
-            return cls(np.abs(size) * long)
-
-        return make(one_joint(cell, rng, make))
+        return one_joint(cell, rng, lambda size: cls(np.abs(size) * long))
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +188,7 @@ class BearingClearance(SampledEffect):
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Clearance of one joint's bearing."""
-        return cls(np.abs(one_joint(cell, rng, lambda size: cls(np.abs(size)))))
+        return one_joint(cell, rng, lambda size: cls(np.abs(size)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ class JointStep(SampledEffect):
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         first = _first_pose(cell, rng)
-        return cls(one_joint(cell, rng, lambda size: cls(size, first)), first)
+        return one_joint(cell, rng, lambda size: cls(size, first))
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +211,7 @@ class LinkStep(SampledEffect):
             turned = np.abs(size)[:, None] * long[:, None] * turn_rad
             return cls(turned, np.cross(turned, 0.5 * along_mm), first)
 
-        return make(one_joint(cell, rng, make))
+        return one_joint(cell, rng, make)
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,7 @@ class PathFriction(SampledEffect):
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Friction in one joint, forgotten after a way of 10 to 60 degrees."""
         length_rad = float(np.radians(np.exp(rng.uniform(np.log(10.0), np.log(60.0)))))
-        return cls(one_joint(cell, rng, lambda size: cls(size, length_rad)), length_rad)
+        return one_joint(cell, rng, lambda size: cls(size, length_rad))
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,10 +307,7 @@ class MotorHeat(SampledEffect):
         cooling_s = np.array([rng.uniform(200.0, 500.0), rng.uniform(2000.0, 4000.0)])
         fast, growth = float(rng.choice([0.15, 0.85])), rng.uniform(0.3, 1.0)
 
-        def make(size: Array) -> SampledEffect:
-            return cls(size, growth * np.abs(size), cooling_s, fast)
-
-        return make(one_joint(cell, rng, make))
+        return one_joint(cell, rng, lambda size: cls(size, growth * np.abs(size), cooling_s, fast))
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,9 +87,9 @@ def carriers(cell: SimulatedCell, rng: Rng, make: PerJoint, size: Array) -> Arra
     return np.where(np.isin(np.arange(len(size)), kept), size, 0.0)
 
 
-def one_joint(cell: SimulatedCell, rng: Rng, make: PerJoint) -> Array:
-    """Magnitudes (n,): 1e-4 of either sign for one visible joint, 0 for others."""
+def one_joint(cell: SimulatedCell, rng: Rng, make: Callable[[Array], SampledEffect]) -> SampledEffect:
+    """Effect that `make` makes of magnitudes (n,): 1e-4 of either sign for one visible joint, 0 for others."""
     size = 1e-4 * cell.nominal.is_revolute
     visible_mm = np.array([cell.visible_rms_mm(make(size * row)) for row in np.eye(len(size))])
     joint = rng.choice(np.flatnonzero(visible_mm > 0.2 * visible_mm.max()))
-    return np.eye(len(size))[joint] * 1e-4 * rng.choice([-1.0, 1.0])
+    return make(np.eye(len(size))[joint] * 1e-4 * rng.choice([-1.0, 1.0]))

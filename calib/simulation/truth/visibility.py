@@ -109,9 +109,7 @@ class SimulatedCell:
             step[index] = 1.0 if index[1] in (0, 2) else 1e-4
             ends = [
                 scanner_T_target(
-                    replace(self._nominal, robot=self.nominal.with_table(table + side * step)),
-                    self.q,
-                    self.conditions,
+                    replace(self._nominal, robot=self.nominal.with_table(table + side * step)), self.q, self.conditions
                 )
                 for side in (1.0, -1.0)
             ]

@@ -15,6 +15,7 @@ from calib.array_types import Array
 from calib.lazy_modules import spatial
 from calib.planes.normals import Neighbourhoods
 
+_MOST_TRIED = 12
 _PAIRS_A_POINT = 6
 _MOST_PAIRS = 240_000
 _LEAST_TURN = 0.12  # between the two normals, rad
@@ -37,18 +38,18 @@ class SphereCandidate:
 
 
 def sphere_candidates(
-    around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator, most: int
+    around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator
 ) -> list[SphereCandidate]:
-    """Spheres with a radius in the given range, those with most points first, at most `most` of them."""
+    """Spheres with a radius in the given range, those with most points first, at most `_MOST_TRIED` of them."""
     centres, radii = _votes(around, radii_mm, rng)
     candidates: list[SphereCandidate] = []
-    for centre, radius in _peaks(centres, radii, radii_mm, most):
+    for centre, radius in _peaks(centres, radii, radii_mm):
         settled = _settled(around, centre, radius, radii_mm)
         if settled is None:
             continue
         if all(np.linalg.norm(settled.centre_mm - other.centre_mm) > 0.4 * settled.radius_mm for other in candidates):
             candidates.append(settled)
-    return sorted(candidates, key=lambda h: -h.votes)[:most]
+    return sorted(candidates, key=lambda h: -h.votes)[:_MOST_TRIED]
 
 
 def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator) -> tuple[Array, Array]:
@@ -77,7 +78,7 @@ def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random
     return 0.5 * (middle - radius[:, None] * towards), radius
 
 
-def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: int) -> list[tuple[Array, float]]:
+def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float]) -> list[tuple[Array, float]]:
     """Centres and radii where many votes meet, those with most votes first.
 
     Ranges of radii are searched one after the other.
@@ -93,7 +94,7 @@ def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: in
             some = here[:: max(1, len(here) // 4000)]
             count = np.asarray(tree.query_ball_point(some, reach, return_length=True))
             free = np.ones(len(some), dtype=bool)
-            for _ in range(max(most // 2, 1)):
+            for _ in range(_MOST_TRIED // 2):
                 best = int(np.argmax(np.where(free, count, 0)))
                 if not free[best] or count[best] < _FEWEST_VOTES:
                     break
@@ -128,9 +129,6 @@ def _settled(
         step = np.linalg.solve(normal, rows.T @ (weight * over))
         size = float(np.linalg.norm(step[:3]))
         step *= min(1.0, 0.3 * radius / max(size, 1e-9))
-        centre, radius = (
-            centre + step[:3],
-            float(np.clip(radius + step[3], 0.8 * radii_mm[0], 1.25 * radii_mm[1])),
-        )
+        centre, radius = (centre + step[:3], float(np.clip(radius + step[3], 0.8 * radii_mm[0], 1.25 * radii_mm[1])))
         share = float(np.clip(6 * scale / radius, 0.02, share))
     return SphereCandidate(centre, radius, votes, share * radius)

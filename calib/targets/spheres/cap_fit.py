@@ -23,7 +23,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.lazy_modules import spatial
 from calib.planes.robust_fit import TUKEY
-from calib.targets.spheres.sphere_noise import NoiseGrowth, growth_of, patch_factor
+from calib.targets.spheres.sphere_noise import LEAST_SIGMA_MM, NoiseGrowth, growth_of, patch_factor
 
 _ROUNDS = 18
 _SETTLED = 1e-3  # of the centre's own sigma
@@ -36,7 +36,6 @@ _TYPICAL_BLUR = 0.25  # squared distances between neighbouring points: variance 
 _LEAST_COSINE = 0.2
 _BAND_SIGMA = 12.0
 _FEWEST_POINTS = 12
-_LEAST_SIGMA_MM = 1e-6  # of a scan without noise
 _NEIGHBOURS = 12
 _MOST_OFF = 0.34  # share of the points about a place of the surface that may lie off it
 _SHELL = 0.25  # of the radius: how far off the surface points are looked at for that
@@ -88,7 +87,7 @@ def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixe
     local = points[near]
     most_sine = np.sin(np.radians(_MOST_INCIDENCE_DEG))
     clear: BoolArray = np.ones(len(near), dtype=bool)
-    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, _LEAST_SIGMA_MM), np.zeros(2))
+    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, LEAST_SIGMA_MM), np.zeros(2))
     pixel = blur_mm2 = 0.0
     blurred = False
     for turn in range(_ROUNDS):
@@ -114,7 +113,7 @@ def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixe
             on &= sine < most_sine
             if np.count_nonzero(on) < _FEWEST_POINTS:
                 return None
-        growth = growth_of(over[on], sine[on], _LEAST_SIGMA_MM)
+        growth = growth_of(over[on], sine[on])
         sigma = growth.sigma(sine[on])
         weight = np.clip(1 - (over[on] / (TUKEY * sigma)) ** 2, 0, None) ** 2
         free = [] if fixed else [np.ones(np.count_nonzero(on))]
@@ -193,7 +192,7 @@ def _unfitted_blur(rows: Array, bend: Array, values: Array, sigma: Array, typica
 
 
 def _within(points: Array, centre: Array, radius: float, band_mm: float) -> BoolArray:
-    """(N,) whether points (N, 3) lie within `band_mm` of the sphere's surface."""
+    """Mask (N,): whether points (N, 3) lie within `band_mm` of the sphere's surface."""
     way = points - centre
     return np.asarray(np.abs(np.sqrt(np.einsum("ni,ni->n", way, way)) - radius) < band_mm)
 
@@ -240,7 +239,7 @@ def _is_lifted(over_sigmas: Array, ring: BoolArray) -> bool:
 
 
 def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
-    """(K,) whether most neighbours of a point lie on the sphere, not another object; `direction` (K, 3): outward."""
+    """Mask (K,): most neighbours of a point lie on the sphere, not another object; `direction` (K, 3): outward."""
     off = np.abs(over) > TUKEY * sigma
     if not off.any():
         return np.ones(len(over), dtype=bool)

@@ -125,7 +125,7 @@ def _centre_mm2(covariance: Array) -> Array:
 
 
 def _cells(image_mm: Array, side_mm: float) -> IndexArray:
-    """(K,) number, from 0 without gaps, of the square cell of the image that each point (K, 2) lies in."""
+    """Number (K,), from 0 without gaps, of the square cell of the image that each point (K, 2) lies in."""
     cell = np.floor(image_mm / side_mm).astype(np.int64)
     cell -= cell.min(axis=0)
     return np.unique(cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1], return_inverse=True)[1].reshape(-1)

@@ -114,7 +114,7 @@ def _filled(points: Array, fit: CapFit) -> float:
 
 
 def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
-    """(K,) index of the cell of the silhouette's disc, 2 `half` cells wide, that each point's ray goes through."""
+    """Index (K,) of the cell of the silhouette's disc, 2 `half` cells wide, that each point's ray goes through."""
     away = float(np.linalg.norm(fit.centre_mm))
     axes = np.linalg.svd(fit.centre_mm[None])[2][1:]
     rays = points @ axes.T / np.maximum(points @ fit.centre_mm / away**2, 1e-9)[:, None]

@@ -77,7 +77,7 @@ def find_socket(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
 
 
 def _agreeing(points: Array, radius: float | None, sigma_mm: float) -> BoolArray:
-    """(N,) mask of the contacts on one sphere: the largest set that agrees with a sphere fitted to a few of them."""
+    """Mask (N,) of the contacts on one sphere: the largest set that agrees with a sphere fitted to a few of them."""
     rng = np.random.default_rng(0)
     every = np.ones(len(points), dtype=bool)
     best = np.zeros(len(points), dtype=bool)

@@ -23,7 +23,6 @@ from calib.targets.spheres.correlated_cap import surroundings_of, with_correlate
 from calib.targets.spheres.doubts import FEWEST_POINTS, doubts_of, why_no_sphere
 
 _VOXELS_A_RADIUS = (7.0, 12.0, 4.0)  # of the passes, until one finds as many as are wanted
-_MOST_TRIED = 12
 _RANGE_STEP = 4.0  # of the radii that are looked for at one size of voxels
 _LEAST_BAND = 0.012  # of the radius
 _MOST_FLAT = 20_000  # points of the scan in which flat surroundings are looked for
@@ -102,7 +101,7 @@ def _guesses(
         if len(thinned) < NEIGHBOURS:
             continue
         around = estimate_normals(points[thinned])
-        guesses += [(h, around.noise_mm()) for h in sphere_candidates(around, (low, high), rng, _MOST_TRIED)]
+        guesses += [(h, around.noise_mm()) for h in sphere_candidates(around, (low, high), rng)]
     return guesses
 
 

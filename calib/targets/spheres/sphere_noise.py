@@ -9,6 +9,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.planes.robust_fit import MAD_TO_SIGMA
 
+LEAST_SIGMA_MM = 1e-6  # of a scan without noise
 _BINS = 12
 _POINTS_A_BIN = 25
 _MOST_GROWTH = 12.0
@@ -37,13 +38,13 @@ def _lean(sine: Array) -> Array:
     return np.asarray(-0.5 * np.log(np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)))
 
 
-def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
+def growth_of(over: Array, sine: Array) -> NoiseGrowth:
     """Growth of the noise with the incidence: MAD of the distances over the surface (K,) in bins of the incidence.
 
     Some of the distances may be no noise. Few points show one sigma, more show its growth, many show its curvature.
     """
     middle = float(np.median(over))
-    level = max(float(MAD_TO_SIGMA * np.median(np.abs(over - middle))), least_sigma_mm)
+    level = max(float(MAD_TO_SIGMA * np.median(np.abs(over - middle))), LEAST_SIGMA_MM)
     bins = min(_BINS, len(over) // _POINTS_A_BIN)
     if bins < 3:
         return NoiseGrowth(level, np.zeros(2))
@@ -52,7 +53,7 @@ def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
     lean = np.array([float(np.mean(_lean(sine[part]))) for part in parts])
     spread = np.array([float(MAD_TO_SIGMA * np.median(np.abs(over[part] - middle))) for part in parts])
     count = np.array([len(part) for part in parts])
-    log = np.log(np.maximum(spread, least_sigma_mm))
+    log = np.log(np.maximum(spread, LEAST_SIGMA_MM))
     powers = 2 if bins >= 8 else 1
     design = np.column_stack([np.ones(bins), *(lean**k for k in range(1, powers + 1))])
     # A prior that the noise does not grow, of one bin's weight, keeps the curve from bending after a bad bin.
@@ -61,7 +62,7 @@ def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
     solution = np.linalg.solve(weighted @ design + penalty, weighted @ log)
     bends = np.zeros(2)
     bends[:powers] = solution[1:]
-    return NoiseGrowth(max(float(np.exp(solution[0])), least_sigma_mm), bends)
+    return NoiseGrowth(max(float(np.exp(solution[0])), LEAST_SIGMA_MM), bends)
 
 
 def patch_factor(rows: Array, psi: Array, inverse: Array) -> float:
@@ -83,7 +84,7 @@ def patch_factor(rows: Array, psi: Array, inverse: Array) -> float:
 
 
 def _patches(rows: Array) -> IndexArray:
-    """(K,) number of each point's patch: quantiles along two axes across the cap."""
+    """Number (K,) of each point's patch: quantiles along two axes across the cap."""
     way = rows[:, :3] / np.linalg.norm(rows[:, :3], axis=1, keepdims=True)
     centred = way - way.mean(axis=0)
     across = centred @ np.linalg.svd(centred[:: max(1, len(centred) // 2000)], full_matrices=False)[2][:2].T

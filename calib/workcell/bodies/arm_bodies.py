@@ -166,7 +166,7 @@ def jig_size(jig: Jig) -> tuple[float, float]:
 
 
 def _pairs(robot: Robot, bodies: ArmBodies) -> IndexArray:
-    """(M, 2) pairs of capsules to check for collision: on links not adjacent, and not touching at nearly all poses."""
+    """Pairs (M, 2) of capsules to check for collision: on links not adjacent, and not touching at nearly all poses."""
     first, second = np.triu_indices(len(bodies), 1)
     apart = np.abs(bodies.link[first] - bodies.link[second]) > 1
     pairs = np.column_stack([first[apart], second[apart]])
@@ -176,7 +176,7 @@ def _pairs(robot: Robot, bodies: ArmBodies) -> IndexArray:
 
 
 def touching(bodies: ArmBodies, start_mm: Array, end_mm: Array, pairs: IndexArray) -> BoolArray:
-    """(N, M) whether pairs of bodies meet, for axes from start to end (N, K, 3)."""
+    """Mask (N, M): whether pairs of bodies meet, for axes from start to end (N, K, 3)."""
     i, j = pairs.T
     apart = between_segments(start_mm[:, i], end_mm[:, i], start_mm[:, j], end_mm[:, j])
     return np.asarray(apart < bodies.radius_mm[i] + bodies.radius_mm[j])

@@ -15,7 +15,7 @@ from calib.workcell.bodies.link_mesh import LinkMesh
 
 
 def hidden_by_arm(bodies: ArmBodies, chain: Chain, eye_mm: Array, points_mm: Array) -> BoolArray:
-    """(N, P) whether a body of the arm is between the scanner at eye_mm (N, 3) and points (N, P, 3), base frame."""
+    """Mask (N, P): a body of the arm is between the scanner at eye_mm (N, 3) and points (N, P, 3), base frame."""
     start, end = bodies.at(chain)
     hidden = np.zeros(points_mm.shape[:2], dtype=bool)
     for k in np.flatnonzero(bodies.hides):
@@ -29,15 +29,12 @@ def hidden_by_arm(bodies: ArmBodies, chain: Chain, eye_mm: Array, points_mm: Arr
 
 
 def _hidden_by_mesh(mesh: LinkMesh, base_T_link: Array, eye_mm: Array, points_mm: Array, asked: BoolArray) -> BoolArray:
-    """(N, P) whether triangles of a link's mesh hide the points, checked where `asked`; elsewhere False."""
+    """Mask (N, P): whether triangles of a link's mesh hide the points, checked where `asked`; elsewhere False."""
     import open3d as o3d
 
     tensor: Any = o3d.core.Tensor
     scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        tensor(mesh.vertices_mm.astype(np.float32)),
-        tensor(mesh.triangles.astype(np.uint32)),
-    )
+    scene.add_triangles(tensor(mesh.vertices_mm.astype(np.float32)), tensor(mesh.triangles.astype(np.uint32)))
     pose, point = np.nonzero(asked)
     link_T_base = np.array([invert(frame) for frame in base_T_link])[pose]
     turn = link_T_base[:, :3, :3]

@@ -83,10 +83,7 @@ class Imports:
         self._open: dict[int, _Import] = {}
         self._background = Background("import")
         self._uploads = Uploads(
-            self._folder,
-            self._arrived,
-            lambda client, message: answer(server, client, message),
-            self._refused,
+            self._folder, self._arrived, lambda client, message: answer(server, client, message), self._refused
         )
         if button.upload is not None:
             take_uploads(server, button.upload, self._uploads)

@@ -95,12 +95,7 @@ VIEW_OF_TAB = {tab.name: tab.view for tab in TABS.values() if tab.view}
 
 
 def add_panels(
-    gui: viser.GuiApi,
-    actions: Actions,
-    datasets: tuple[str, ...],
-    *,
-    scans_first: bool,
-    takes_data: bool = False,
+    gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...], *, scans_first: bool, takes_data: bool = False
 ) -> Panels:
     """Create the page's panels in reading order."""
     left = gui.add_panel()

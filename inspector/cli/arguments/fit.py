@@ -66,10 +66,7 @@ def calibrate_arguments(sub: ArgumentParser) -> None:
     )
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     sub.add_argument(
-        "--residuals",
-        type=Path,
-        metavar="FILE.csv",
-        help="write what is left over, a row a pose with all inputs",
+        "--residuals", type=Path, metavar="FILE.csv", help="write what is left over, a row a pose with all inputs"
     )
     sub.add_argument("--scene", type=Path, metavar="FILE.glb", help="write arm, points and residuals (x 100) in 3D")
     sub.add_argument("--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens")
@@ -135,9 +132,7 @@ def watch_arguments(sub: ArgumentParser) -> None:
         help="folder of check poses, three poses or more; three folders or more show drifts, too",
     )
     sub.add_argument(
-        "--scanner-moved",
-        action="store_true",
-        help="the scanner was put up anew, which is no change to be told",
+        "--scanner-moved", action="store_true", help="the scanner was put up anew, which is no change to be told"
     )
     sub.add_argument(
         "--tolerance-mm",

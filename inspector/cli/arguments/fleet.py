@@ -30,10 +30,7 @@ def fleet_arguments(sub: ArgumentParser) -> None:
     sub.add_argument("--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be")
     again = sub.add_mutually_exclusive_group()
     again.add_argument(
-        "--resume",
-        dest="fresh",
-        action="store_false",
-        help="take over results whose files have not changed (default)",
+        "--resume", dest="fresh", action="store_false", help="take over results whose files have not changed (default)"
     )
     again.add_argument("--fresh", action="store_true", help="drop what is there and judge all anew")
     sub.set_defaults(fresh=False)

@@ -13,10 +13,7 @@ from inspector.cli.arguments.shared import add_fit, add_json, links_arguments
 def plan_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `plan`: purpose and number of the poses, and the scanner's place."""
     sub.add_argument(
-        "--poses",
-        type=values.pose_count,
-        metavar="K",
-        help="a first set of K poses (default 20 for a robot)",
+        "--poses", type=values.pose_count, metavar="K", help="a first set of K poses (default 20 for a robot)"
     )
     sub.add_argument(
         "--add",

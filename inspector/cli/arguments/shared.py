@@ -63,10 +63,7 @@ def add_learned_out(sub: ArgumentParser) -> None:
 def add_model_out(sub: ArgumentParser) -> None:
     """Add the option --model-out."""
     sub.add_argument(
-        "--model-out",
-        type=Path,
-        metavar="FILE.json",
-        help="write the full model, which correct and validate take",
+        "--model-out", type=Path, metavar="FILE.json", help="write the full model, which correct and validate take"
     )
 
 
@@ -89,11 +86,7 @@ def add_model(sub: ArgumentParser, help: str) -> None:
 def add_effects(sub: ArgumentParser) -> None:
     """Add the options --effect and --effects-file."""
     sub.add_argument(
-        "--effect",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="put a whole effect into the model, all joints",
+        "--effect", action="append", default=[], metavar="NAME", help="put a whole effect into the model, all joints"
     )
     sub.add_argument("--effects-file", type=Path, metavar="FILE.py", help="effects of your own")
 
@@ -101,10 +94,7 @@ def add_effects(sub: ArgumentParser) -> None:
 def add_finder(sub: ArgumentParser) -> None:
     """Add the option --finder."""
     sub.add_argument(
-        "--finder",
-        type=Path,
-        metavar="FILE.py",
-        help="find(scan, wanted) of your own, for targets in the scans",
+        "--finder", type=Path, metavar="FILE.py", help="find(scan, wanted) of your own, for targets in the scans"
     )
 
 
@@ -127,10 +117,7 @@ def convert_arguments(sub: ArgumentParser) -> None:
     )
     links_arguments(sub)
     sub.add_argument(
-        "--template",
-        type=Path,
-        metavar="ROBOT.urdf",
-        help="your own URDF of this arm: only origins are changed",
+        "--template", type=Path, metavar="ROBOT.urdf", help="your own URDF of this arm: only origins are changed"
     )
     sub.add_argument("--force", action="store_true", help="replace a file that is there")
     sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
@@ -246,9 +233,7 @@ def links_arguments(sub: ArgumentParser) -> None:
         "--joint-limits", type=Path, metavar="FILE", help="MoveIt's joint_limits.yaml, for limits of a URDF's joints"
     )
     sub.add_argument(
-        "--convention",
-        choices=("standard", "modified"),
-        help="of a table of theta, d, a, alpha (modified: Craig's)",
+        "--convention", choices=("standard", "modified"), help="of a table of theta, d, a, alpha (modified: Craig's)"
     )
     sub.add_argument("--model", metavar="NAME", help="which arm a UR calibration.conf is of, such as ur10e")
     sub.add_argument(

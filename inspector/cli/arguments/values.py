@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
@@ -105,60 +106,12 @@ def tool_mm(text: str) -> tuple[float, float, float]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def rmse_mm(text: str) -> float:
-    """Root mean square error above 0, mm."""
-    value = _number(text)
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not an error to ask for; a number of mm above 0")
-    return value
-
-
-def size_mm(text: str) -> float:
-    """Size of a part above 0, mm."""
-    value = _number(text)
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a size; a number of mm above 0")
-    return value
-
-
 def grid(text: str) -> tuple[int, int]:
     """Columns and rows from "2x3"."""
     columns, separator, rows = text.lower().partition("x")
     if not separator:
         raise argparse.ArgumentTypeError(f"{text!r} is no number of columns and rows; write 2x3")
     return _whole(columns, 1, 26, "columns"), _whole(rows, 1, 26, "rows")
-
-
-def mass_kg(text: str) -> float:
-    """Mass above 0, kg."""
-    value = _number(text)
-    if not 0.0 < value < _HEAVIEST_KG:
-        raise argparse.ArgumentTypeError(f"{text} is not a mass; kg above 0, such as 3")
-    return value
-
-
-def seconds(text: str) -> float:
-    """Duration above 0, s."""
-    value = _number(text)
-    if not 0.0 < value <= _LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text} is not a time to wait; seconds above 0, {_LONGEST_S:g} at most")
-    return value
-
-
-def wait_s(text: str) -> float:
-    """Duration of a wait, 0 or more, s."""
-    value = _number(text)
-    if not 0.0 <= value <= _LONGEST_WAIT_S:
-        raise argparse.ArgumentTypeError(f"{text} is not a time to stand; seconds, 0 to {_LONGEST_WAIT_S:g}")
-    return value
-
-
-def speed(text: str) -> float:
-    """Speed above 0, in the unit of a program's language."""
-    value = _number(text)
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a speed; a number above 0, in the unit of the language")
-    return value
 
 
 def trigger(text: str) -> tuple[str, ...]:
@@ -182,6 +135,18 @@ def measured_signal(text: str) -> tuple[str, ...]:
     raise argparse.ArgumentTypeError(f"{text!r} is no signal to wait for; input:2, input:diDone or reply")
 
 
+def _number_that(holds: Callable[[float], bool], fault: str) -> Callable[[str], float]:
+    """Parser of a number for which a condition holds; `fault` is what it is not, and what is wanted."""
+
+    def parse(text: str) -> float:
+        value = _number(text)
+        if not holds(value):
+            raise argparse.ArgumentTypeError(f"{text} is not {fault}")
+        return value
+
+    return parse
+
+
 def _number(text: str) -> float:
     """Number that a text holds; NaN, which is outside any range, where it holds none."""
     try:
@@ -194,3 +159,15 @@ def _whole(text: str, low: int, high: int, what: str) -> int:
     if not text.isdecimal() or not low <= int(text) <= high:
         raise argparse.ArgumentTypeError(f"{text} is not a {what}; {low} to {high}")
     return int(text)
+
+
+def _is_above_0(value: float) -> bool:
+    return 0.0 < value < math.inf
+
+
+rmse_mm = _number_that(_is_above_0, "an error to ask for; a number of mm above 0")
+size_mm = _number_that(_is_above_0, "a size; a number of mm above 0")
+speed = _number_that(_is_above_0, "a speed; a number above 0, in the unit of the language")
+mass_kg = _number_that(lambda kg: 0.0 < kg < _HEAVIEST_KG, "a mass; kg above 0, such as 3")
+seconds = _number_that(lambda s: 0.0 < s <= _LONGEST_S, f"a time to wait; seconds above 0, {_LONGEST_S:g} at most")
+wait_s = _number_that(lambda s: 0.0 <= s <= _LONGEST_WAIT_S, f"a time to stand; seconds, 0 to {_LONGEST_WAIT_S:g}")

@@ -164,7 +164,7 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
         raise CalibError(f"{options.path}: the noise is known from the fit; leave out --noise-mm")
     dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, _outputs(options), [options.effects_file, options.template])
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset = measured(dataset, options.residual)
     return dataset, loaded_effects(options.effects_file, dataset)
 
 

@@ -126,12 +126,7 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
     counts = ", ".join(f"{count} {role}" for role, count in roles.items())
     lines = [line for line in lines if line not in warnings]
     lines += [f"{options.path}: {len(dataset.poses)} poses ({counts})"]
-    made = {
-        "dataset": str(options.path),
-        "robot": dataset.robot.name,
-        "poses": len(dataset.poses),
-        "roles": roles,
-    }
+    made = {"dataset": str(options.path), "robot": dataset.robot.name, "poses": len(dataset.poses), "roles": roles}
     document = document | made | {"warnings": warnings}
     if not options.diagnose:
         show(options, document, "\n".join([*lines, f"next: {_next_step(options)}"]))

@@ -56,12 +56,7 @@ def run_simulate(options: SimulateOptions) -> int:
     with progress("scans") as on_progress, _whole_or_nothing(options.path):
         write_simulation(simulation, options.path, on_progress=on_progress)
     truth = options.path / "truth.json"
-    document = {
-        "dataset": str(options.path),
-        "truth": str(truth),
-        "poses": options.poses,
-        "effects": options.effect,
-    }
+    document = {"dataset": str(options.path), "truth": str(truth), "poses": options.poses, "effects": options.effect}
     show(options, document, f"{options.path}: {options.poses} poses of {robot.name}; the truth is in {truth}")
     return 0
 

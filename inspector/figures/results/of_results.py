@@ -12,7 +12,6 @@ from calib.calibration.pose_errors import PoseErrors, pose_errors_of, running_me
 from calib.calibration.reprojection import reprojected_views
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
 from calib.diagnosis.effect_selection import FitStep, candidate_of
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
@@ -55,10 +54,7 @@ def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = F
     """
     frame = (calibration.before if before else calibration.after).to_frame(calibration.dataset)
     drawn = plots.pose_residuals(
-        frame["pose"].tolist(),
-        frame["role"].tolist(),
-        frame["error_mm"].to_numpy(),
-        what="3D error",
+        frame["pose"].tolist(), frame["role"].tolist(), frame["error_mm"].to_numpy(), what="3D error"
     )
     model = "as delivered" if before else "after the fit"
     return titled(drawn, f"Error at each pose {model}: {calibration.dataset.name}", dark=dark)
@@ -101,12 +97,7 @@ def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark:
     errors = pose_errors_of(calibration)
     values, title, _ = _shown(errors, show, calibration.dataset.robot)
     drawn = residual_plots.place_views(
-        errors.place_mm,
-        values,
-        errors.pose_ids,
-        errors.is_test,
-        title=title,
-        signed=show != "length",
+        errors.place_mm, values, errors.pose_ids, errors.is_test, title=title, signed=show != "length"
     )
     return titled(drawn, f"Error over the work space: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
 
@@ -239,7 +230,7 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
     candidates = diagnosis.screenings[step].candidates
     drawn = evidence_plots.evidence_bars(
         [c.name for c in candidates], [c.log_evidence for c in candidates],
-        [c.name in diagnosis.missing for c in candidates], MIN_LOG_EVIDENCE,
+        [c.name in diagnosis.missing for c in candidates],
     )  # fmt: skip
     return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}", dark=dark)
 

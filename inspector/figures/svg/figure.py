@@ -13,16 +13,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from inspector.figures.svg.axis import Axis, axis_of
-from inspector.figures.svg.marks import (
-    DASHES,
-    Panel,
-    Trace,
-    cell_colour,
-    drawn,
-    line_colour,
-    marker_of,
-    symbol,
-)
+from inspector.figures.svg.marks import DASHES, Panel, Trace, cell_colour, drawn, line_colour, marker_of, symbol
 from inspector.figures.svg.one_scale import to_one_scale
 from inspector.figures.svg.text import USUAL_PX, escaped, label, number, plain, width_px
 
@@ -143,14 +134,7 @@ def _grid(panel: Panel, *, heat: bool) -> str:
         slanted = abs(x.tick_angle_deg) > 1.0
         anchor = "end" if slanted else "middle"
         out.append(
-            label(
-                text,
-                px,
-                below + (8.0 if slanted else 11.0),
-                anchor=anchor,
-                turn_deg=x.tick_angle_deg,
-                css="faint",
-            )
+            label(text, px, below + (8.0 if slanted else 11.0), anchor=anchor, turn_deg=x.tick_angle_deg, css="faint")
         )
     for at, text in y.ticks:
         py = panel.top + panel.height * (1.0 - y.share_of_scaled(at))
@@ -163,12 +147,7 @@ def _grid(panel: Panel, *, heat: bool) -> str:
     middle = panel.top + 0.5 * panel.height
     out.append(label(y.title, panel.left - _room(y) + 0.5 * _TITLE_PX, middle, size_px=USUAL_PX, turn_deg=-90.0))
     out.append(
-        label(
-            x.title,
-            panel.left + 0.5 * panel.width,
-            below + _room_below(x) - 0.5 * _TITLE_PX,
-            size_px=USUAL_PX,
-        )
+        label(x.title, panel.left + 0.5 * panel.width, below + _room_below(x) - 0.5 * _TITLE_PX, size_px=USUAL_PX)
     )
     return "".join(out)
 

@@ -151,15 +151,7 @@ def _points(trace: Trace, panel: Panel) -> str:
         values = {"x": trace["x"][k], "y": trace["y"][k], "customdata": told[k], "text": words}
         title = "" if trace.get("hoverinfo") == "skip" else hover(trace.get("hovertemplate"), values)
         out.append(
-            symbol(
-                kinds[k],
-                x,
-                y,
-                float(sizes[k]),
-                colour,
-                title=title,
-                opacity=float(marker.get("opacity", 1.0)),
-            )
+            symbol(kinds[k], x, y, float(sizes[k]), colour, title=title, opacity=float(marker.get("opacity", 1.0)))
         )
     return "".join(out)
 

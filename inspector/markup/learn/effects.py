@@ -69,7 +69,7 @@ def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> s
     words = spans(residual_of(diagnosis), " Verdict: ", verdict(diagnosis), more)
     plan = ""
     if next_poses is not None:
-        plan = elements.note(elements.Html(f"{elements.asking_link('settle', '', SETTLE, tab='Learn/Plan')}."))
+        plan = elements.note(elements.Html(f"{elements.tab_link('Learn/Plan', SETTLE, ask='settle')}."))
     elif diagnosis.verdict in ("adequate", "named") and diagnosis.held_out_beyond_noise is not None:
         plan = elements.note(elements.Html(f"{elements.tab_link('Learn/Plan', MORE)}."))
     return html.panel([Verdict(words, VERDICT_COLOURS[diagnosis.verdict])]) + plan

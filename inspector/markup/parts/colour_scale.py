@@ -36,14 +36,7 @@ def round_limit(value: float) -> float:
     return float(next(m * power for m in (1, 2, 3, 5, 10) if m * power >= value * (1 - 1e-9)))
 
 
-def bar(
-    title: str,
-    low: float,
-    high: float,
-    colours: tuple[str, ...],
-    *,
-    mark: tuple[float, str] | None = None,
-) -> str:
+def bar(title: str, low: float, high: float, colours: tuple[str, ...], *, mark: tuple[float, str] | None = None) -> str:
     """HTML scale bar of a colour map: ends and middle in mm, and a mark at a value of interest."""
     gradient = ",".join(colours)
     sides = zip(("left", "center", "right"), (low, (low + high) / 2, high), strict=True)

@@ -105,14 +105,9 @@ def pose_link(pose_id: object, words: object = "") -> Html:
     return Html(f'<a class="asks"{asking("pose", pose_id)}>{text(words or pose_id)}</a>')
 
 
-def asking_link(name: str, value: object, words: object, *, tab: str = "") -> Html:
-    """HTML of words in a sentence that send a request when clicked (`asking`)."""
-    return Html(f'<a class="asks"{asking(name, value, tab=tab)}>{text(words)}</a>')
-
-
-def tab_link(tab: str, words: object) -> Html:
-    """HTML of words in a sentence that open a tab ("Learn/Plan") when clicked."""
-    return Html(f'<a class="asks"{opening(tab)}>{text(words)}</a>')
+def tab_link(tab: str, words: object, *, ask: str = "") -> Html:
+    """HTML of words in a sentence that open a tab ("Learn/Plan") when clicked, and send the request `ask`, if any."""
+    return Html(f'<a class="asks"{asking(ask, "", tab=tab) if ask else opening(tab)}>{text(words)}</a>')
 
 
 def joint_link(number: int, words: object = "") -> Html:
@@ -194,10 +189,3 @@ def facts(pairs: Iterable[tuple[str, object]]) -> str:
         '<div style="margin:2px 10px 6px 10px"><table style="border-collapse:collapse;width:100%;font-size:12px;'
         f'line-height:1.4;font-variant-numeric:tabular-nums">{rows}</table></div>'
     )
-
-
-def bullets(sentences: Iterable[object]) -> str:
-    """HTML list of sentences."""
-    items = "".join(f'<li style="margin:1px 0">{_markup(sentence)}</li>' for sentence in sentences)
-    style = f"margin:2px 16px 6px 16px;padding-left:16px;font-size:12px;line-height:1.4;{_BREAK}"
-    return f'<ul style="{style}">{items}</ul>'

@@ -14,17 +14,7 @@ from calib.rendering.colours import NEUTRAL as NEUTRAL
 
 ROLE_COLOURS = {"reference": "#A36DFB", "train": "#37859D", "test": "#D65642"}
 FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces
-GROUP_COLOURS = (
-    "#88CCEE",
-    "#DDCC77",
-    "#44AA99",
-    "#AA4499",
-    "#999933",
-    "#CC6677",
-    "#117733",
-    "#882255",
-    "#6699CC",
-)
+GROUP_COLOURS = ("#88CCEE", "#DDCC77", "#44AA99", "#AA4499", "#999933", "#CC6677", "#117733", "#882255", "#6699CC")
 MODEL_COLOURS = {"nominal": "#C68004", "link errors": LINKS, "with effects": EFFECTS[0]}
 CHANGED = "#8E44AD"  # what a changed condition moved, between the poses of a pair
 MODEL_BEFORE = "#A9B0BA"  # thin lines of the model before the one on show

@@ -37,9 +37,7 @@ class MissingEffectsPanel:
         self._actions = actions
         self._own = gui.add_html("")
         self.find = gui.add_button(
-            FIND,
-            icon=viser.Icon.SEARCH,
-            hint="starts from the link errors alone; Undo brings your model back",
+            FIND, icon=viser.Icon.SEARCH, hint="starts from the link errors alone; Undo brings your model back"
         )
         self._doing = gui.add_html("")
         self._advice = gui.add_html("")
@@ -213,10 +211,7 @@ class MissingEffectsPanel:
             self._chosen.content = html.chosen_html(name, session, session.calibration, screening, own=name in own)
         if candidate is not None and candidate.members:
             self._variable.figure = added_variable(
-                candidate.explained,
-                screening.projected.residual,
-                name,
-                screening.projected.row_poses,
+                candidate.explained, screening.projected.residual, name, screening.projected.row_poses
             )
 
     def update_next(self, view: View) -> None:

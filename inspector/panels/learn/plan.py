@@ -46,12 +46,7 @@ class PlanPanel:
         self.aim = gui.add_dropdown("For", (NONE,), hint="the purpose of the poses")
         self.count = gui.add_number("Poses", 5, min=1, max=MOST, step=1, hint="how many to measure")
         self.payload = gui.add_number(
-            "Payload, kg",
-            0.0,
-            min=0.0,
-            max=1000.0,
-            step=0.5,
-            hint="a known mass that some poses may carry; 0: none",
+            "Payload, kg", 0.0, min=0.0, max=1000.0, step=0.5, hint="a known mass that some poses may carry; 0: none"
         )
         self.make = gui.add_button(MAKE, icon=viser.Icon.ROUTE)
         self._doing = gui.add_html("")

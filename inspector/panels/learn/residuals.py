@@ -6,16 +6,7 @@ import viser
 
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.pose_errors import PoseErrors, pose_errors_at, running_median
-from calib.present.fit.residuals import (
-    AXES,
-    LENGTH,
-    band_note,
-    input_title,
-    joint_title,
-    shown,
-    turned,
-    worst_poses,
-)
+from calib.present.fit.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned, worst_poses
 from calib.rendering import html
 from calib.rendering.blocks import Section
 from calib.screening.scan_statistic import Channel
@@ -48,9 +39,7 @@ class ResidualsPanel(FollowsModel):
         self._actions = actions
         gui.add_html(elements.note(NOTE))
         self.against = gui.add_dropdown(
-            "Against",
-            (NONE,),
-            hint="joint angles, torques, conditions, place, order; or the work space itself",
+            "Against", (NONE,), hint="joint angles, torques, conditions, place, order; or the work space itself"
         )
         self.what = gui.add_dropdown("Show", (NONE,), hint="apparent motion: what joint k alone would have to do")
         self._plot = hidden_plot(gui, 0.75, "where it fails")

@@ -9,14 +9,7 @@ import viser
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from inspector.figures.plots import convergence, outline, pose_residuals
-from inspector.markup.model.fit import (
-    NO_POSES,
-    errors_html,
-    faces_words,
-    fit_html,
-    parameters_html,
-    what_is_fitted,
-)
+from inspector.markup.model.fit import NO_POSES, errors_html, faces_words, fit_html, parameters_html, what_is_fitted
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, FollowsModel, by_page, hidden_plot, offer, put
 from inspector.panels.input_checks import one_of

@@ -32,15 +32,11 @@ class RedundancyPanel:
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
         self.residual = gui.add_dropdown(
-            "Measured",
-            RESIDUALS,
-            hint="position: points, as Park does; distance: from the reference pose, as Jang",
+            "Measured", RESIDUALS, hint="position: points, as Park does; distance: from the reference pose, as Jang"
         )
         self._kinds = ChosenByDataset(self.residual, RESIDUALS[0])
         self.choice = gui.add_dropdown(
-            "Parameters",
-            CHOICES,
-            hint="Park correlates lengths and angles apart; unsplit also pairs mm with rad",
+            "Parameters", CHOICES, hint="Park correlates lengths and angles apart; unsplit also pairs mm with rad"
         )
         self._plot = hidden_plot(gui, 0.95, "redundancy")
         self._content = gui.add_html(elements.note("Not computed yet."))

@@ -16,8 +16,7 @@ from calib.screening.candidates import explained_shares_at
 from inspector.app.app import App
 from inspector.markup.parts.palette import HIGHLIGHT, rgb
 from inspector.panels.review import CLEAR_BOX, LEAVE_BOX
-from inspector.scene.box_selection import Sight
-from inspector.scene.scene_view import ROOT
+from inspector.scene.scene_view import ROOT, Sight
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient

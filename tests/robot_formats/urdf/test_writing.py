@@ -109,7 +109,7 @@ def test_a_tip_that_no_fixed_joint_holds_is_told(tmp_path: Path) -> None:
 def test_a_plain_urdf_of_any_robot_reads_as_the_same_robot(tmp_path: Path) -> None:
     path = tmp_path / "plain.urdf"
     for robot in (builtin_robot("rb5"), builtin_robot("panda")):
-        found = read_back(path, plain_urdf(chain_of(robot), "made -- here"))
+        found = read_back(path, plain_urdf(chain_of(robot)))
         assert np.abs(tips(found) - tips(robot))[:, :3, 3].max() < 1e-9
         masses = [j.mass_kg or 0.0 for j in robot.joints]
         masses[-1] += robot.tool.mass_kg or 0.0
