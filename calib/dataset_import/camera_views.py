@@ -35,6 +35,7 @@ from calib.text_files.user_table import UserTable
 MOUNTS = ("flange", "room")
 _AT = {"flange": "on the flange", "room": "in the room"}
 _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
+_MOST_BOARD_SIGMA = 0.05
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
 _SURE = 6.0  # sigmas
 _MOST_NAMED = 5
@@ -55,6 +56,7 @@ class CameraChoice:
     length_unit: str | None = None
     mount: str | None = None  # "flange" or "room"; None: by the data
     flange_poses: Path | None = None  # in place of joint values
+    board_sigma: float | None = None  # of the board's size, a share of it; None: exact
 
     @property
     def is_given(self) -> bool:
@@ -72,9 +74,16 @@ class CameraChoice:
                 ("board", self.board),
                 ("dictionary", self.dictionary),
                 ("intrinsics", self.intrinsics),
+                ("board-sigma", self.board_sigma),
             ):
                 if value is not None:
                     raise CalibError(f"--{name}: goes with --images FOLDER")
+        if self.board_sigma is not None and not 0.0 <= self.board_sigma <= _MOST_BOARD_SIGMA:
+            raise CalibError(
+                f"--board-sigma {100.0 * self.board_sigma:g}: found no standard deviation of 0 to "
+                f"{100.0 * _MOST_BOARD_SIGMA:g} percent; give that of the board's size, 0.1 for a board measured by a "
+                "caliper"
+            )
         if self.marker_poses is None and self.length_unit is not None:
             raise CalibError("--length-unit: goes with --marker-poses FILE")
         for name, value in (("mount", self.mount), ("flange-poses", self.flange_poses)):
@@ -143,6 +152,8 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
     board = board_of(choice.board)
     if board.is_ball and choice.dictionary is not None:
         raise CalibError(f"--dictionary {choice.dictionary}: a ball has no markers; leave it out")
+    if board.is_ball and choice.board_sigma is not None:
+        raise CalibError(f"--board-sigma: goes with a board, and --board {board.text} is a ball; leave it out")
     if board.is_ball and choice.intrinsics is None:
         raise CalibError(
             f"--board {board.text}: how far away a ball is follows from its size in the image by a known lens; give it "
@@ -165,6 +176,9 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
     detected = detect(kept, board, choice.dictionary)
     measured = measure(detected, lens)
     told = _told(choice, detected, measured)
+    board_sigma = choice.board_sigma or 0.0
+    if board_sigma > 0.0:
+        told.append(f"the board's size is an unknown of every fit, told to {100.0 * board_sigma:g} % (--board-sigma)")
     names = tuple(pose_of[one.view.pose] for one in measured.poses)
     views = CameraViews(
         lens=replace(measured.lens, covariance=None),
@@ -180,7 +194,7 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
         names,
         np.stack([one.camera_T_board for one in measured.poses]),
         np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses]),
-        shared_errors(measured.lens, measured.poses),
+        shared_errors(measured.lens, measured.poses, board_sigma),
         views,
         choice.mount,
         (*notes, *told),
