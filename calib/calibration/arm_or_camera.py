@@ -38,7 +38,8 @@ HYPOTHESES = ("neither", "arm", "camera", "both")
 _ARM_SHARES = np.geomspace(3e-3, 1.0, 9)  # of the tolerances of 1 mm and 0.5 deg
 _CAMERA_SHARES = np.geomspace(3e-3, 3.0, 9)  # of the sizes below
 _NOISE = (1.0, 1.4, 2.0)  # over the pixels' own, as corners of one image may be off together
-_SURELY, _SIGMAS = 0.9, 4.0  # probability, and sigmas of the board's size, beyond doubt
+_SURELY = 0.9  # probability beyond doubt
+_LIKELY, _SIGMAS = 0.75, 4.0  # probability of the camera's side, and sigmas of the board's size, that are so together
 _BOARD_SHARE = 0.01  # of the board's size
 _FOCAL_SHARE, _CENTRE_SHARE = 0.01, 0.01  # of the focal length; of the image's width
 _RADIAL, _TANGENTIAL = 0.05, 0.005
@@ -55,8 +56,8 @@ class ArmOrCamera(Brief):
     @property
     def board_is_off(self) -> bool:
         """Whether the board's size is not the declared one, beyond doubt."""
-        sure = self.probabilities["camera"] + self.probabilities["both"] > _SURELY
-        return sure and abs(self.board_size - 1.0) > _SIGMAS * self.board_size_sigma
+        likely = self.probabilities["camera"] + self.probabilities["both"] > _LIKELY
+        return likely and abs(self.board_size - 1.0) > _SIGMAS * self.board_size_sigma
 
     @property
     def camera_alone_errs(self) -> bool:

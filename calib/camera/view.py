@@ -163,15 +163,21 @@ def covariance_of(pose: ViewPose, sigma_px: float) -> Array:
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def shared_errors(lens: Lens, poses: Sequence[ViewPose]) -> Array:
-    """Changes (M, 6, K), mm and rad, of the board's poses by one sigma of each of K independent errors of the lens.
+def shared_errors(lens: Lens, poses: Sequence[ViewPose], board_sigma: float = 0.0) -> Array:
+    """Changes (M, 6, K), mm and rad, of the board's poses by one sigma of each of K errors that all of them share.
 
-    K is 0 where the lens is taken as exact; combinations of no influence are left out.
+    They are the independent errors of the lens, unless it is taken as exact, and that of the board's size, with which
+    every place grows; `board_sigma` is a share of the size. Combinations of no influence are left out.
     """
-    if lens.covariance is None or not np.any(lens.covariance):
-        return np.zeros((len(poses), 6, 0))
-    used = np.flatnonzero(np.diag(lens.covariance) > 0.0)
-    scale = np.sqrt(np.diag(lens.covariance)[used])
-    size, ways = np.linalg.eigh(lens.covariance[np.ix_(used, used)] / np.outer(scale, scale))
-    root = scale[:, None] * ways * np.sqrt(np.maximum(size, 0.0))
-    return np.stack([one.by_lens[:, used] @ root for one in poses])
+    changes: Array = np.zeros((len(poses), 6, 0))
+    if lens.covariance is not None and np.any(lens.covariance):
+        used = np.flatnonzero(np.diag(lens.covariance) > 0.0)
+        scale = np.sqrt(np.diag(lens.covariance)[used])
+        size, ways = np.linalg.eigh(lens.covariance[np.ix_(used, used)] / np.outer(scale, scale))
+        root = scale[:, None] * ways * np.sqrt(np.maximum(size, 0.0))
+        changes = np.stack([one.by_lens[:, used] @ root for one in poses])
+    if board_sigma > 0.0:
+        place = np.stack([one.camera_T_board[:3, 3] for one in poses])
+        grown = board_sigma * np.concatenate([place, np.zeros_like(place)], axis=1)
+        changes = np.concatenate([changes, grown[:, :, None]], axis=2)
+    return changes

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,16 +25,17 @@ from calib.dataset.files.points_csv import points_frame
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, recognised
 from calib.errors import CalibError
-from calib.kinematics.board_hand_eye import BoardHandEye, board_hand_eye
+from calib.kinematics.ball_hand_eye import ball_hand_eye
+from calib.kinematics.board_hand_eye import board_hand_eye
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable
 
 MOUNTS = ("flange", "room")
-_OF_TOOL = 5  # parameters of the tool's row
 _AT = {"flange": "on the flange", "room": "in the room"}
 _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
+_MOST_BOARD_SIGMA = 0.05
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
 _SURE = 6.0  # sigmas
 _MOST_NAMED = 5
@@ -56,6 +56,7 @@ class CameraChoice:
     length_unit: str | None = None
     mount: str | None = None  # "flange" or "room"; None: by the data
     flange_poses: Path | None = None  # in place of joint values
+    board_sigma: float | None = None  # of the board's size, a share of it; None: exact
 
     @property
     def is_given(self) -> bool:
@@ -73,9 +74,16 @@ class CameraChoice:
                 ("board", self.board),
                 ("dictionary", self.dictionary),
                 ("intrinsics", self.intrinsics),
+                ("board-sigma", self.board_sigma),
             ):
                 if value is not None:
                     raise CalibError(f"--{name}: goes with --images FOLDER")
+        if self.board_sigma is not None and not 0.0 <= self.board_sigma <= _MOST_BOARD_SIGMA:
+            raise CalibError(
+                f"--board-sigma {100.0 * self.board_sigma:g}: found no standard deviation of 0 to "
+                f"{100.0 * _MOST_BOARD_SIGMA:g} percent; give that of the board's size, 0.1 for a board measured by a "
+                "caliper"
+            )
         if self.marker_poses is None and self.length_unit is not None:
             raise CalibError("--length-unit: goes with --marker-poses FILE")
         for name, value in (("mount", self.mount), ("flange-poses", self.flange_poses)):
@@ -97,7 +105,12 @@ class CameraPoints:
     point_sigma_mm: float | None = None
     orientation_sigma_deg: float | None = None  # with `point_sigma_mm`, estimated from what a fit leaves
     images: Mapping[str, Path] = field(default_factory=dict)  # the image of each pose that can be kept by its name
-    is_ball: bool = False  # which has no attitude: the camera's axes stand for it
+    ball: str | None = None  # as it was named; a ball has no attitude: the camera's axes stand for it
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether a ball was seen in place of a board."""
+        return self.ball is not None
 
     def points(self, ids: Sequence[str]) -> Points:
         """Measured points for poses with given ids."""
@@ -139,6 +152,8 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
     board = board_of(choice.board)
     if board.is_ball and choice.dictionary is not None:
         raise CalibError(f"--dictionary {choice.dictionary}: a ball has no markers; leave it out")
+    if board.is_ball and choice.board_sigma is not None:
+        raise CalibError(f"--board-sigma: goes with a board, and --board {board.text} is a ball; leave it out")
     if board.is_ball and choice.intrinsics is None:
         raise CalibError(
             f"--board {board.text}: how far away a ball is follows from its size in the image by a known lens; give it "
@@ -156,11 +171,14 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
             tuple(pose_of[stem] for stem in seen),
             frames.make_transform(np.eye(3), np.stack([ball.xyz_mm for ball in seen.values()])),
             np.stack([ball.covariance for ball in seen.values()]),
-            None, None, choice.mount, (*notes, *told), is_ball=True,
+            None, None, choice.mount, (*notes, *told), ball=board.text,
         )  # fmt: skip
     detected = detect(kept, board, choice.dictionary)
     measured = measure(detected, lens)
     told = _told(choice, detected, measured)
+    board_sigma = choice.board_sigma or 0.0
+    if board_sigma > 0.0:
+        told.append(f"the board's size is an unknown of every fit, told to {100.0 * board_sigma:g} % (--board-sigma)")
     names = tuple(pose_of[one.view.pose] for one in measured.poses)
     views = CameraViews(
         lens=replace(measured.lens, covariance=None),
@@ -176,7 +194,7 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
         names,
         np.stack([one.camera_T_board for one in measured.poses]),
         np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses]),
-        shared_errors(measured.lens, measured.poses),
+        shared_errors(measured.lens, measured.poses, board_sigma),
         views,
         choice.mount,
         (*notes, *told),
@@ -315,7 +333,7 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
         what = "ball" if given.is_ball else "board"
         raise CalibError(f"the {what} is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
     if given.is_ball:
-        return _settled_ball(given, robot, ids, q)
+        return _settled_ball(given, flange)
     both = {name: board_hand_eye(flange, given.camera_T_board, on_flange=name == "flange") for name in MOUNTS}
     if mount is None:
         best = min(MOUNTS, key=lambda name: both[name].rms_mm)
@@ -332,7 +350,8 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
             f"{both[other].rms_mm:.3g} mm if it were {_AT[other]}"
         )
     chosen = both[mount]
-    _require_scale(chosen, given)
+    if chosen.is_determined:
+        _require_scale(chosen.scale, chosen.scale_sigma, given)
     if given.covariance is None:
         sigma_mm = max(float(np.sqrt(np.mean(chosen.error_mm**2))), _LEAST_SIGMA)
         sigma_deg = max(float(np.degrees(np.sqrt(np.mean(chosen.error_rad**2)))), _LEAST_SIGMA)
@@ -349,39 +368,38 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     return replace(given, mount=mount, notes=tuple(notes))
 
 
-def _settled_ball(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> CameraPoints:
+def _settled_ball(given: CameraPoints, flange: Array) -> CameraPoints:
     """Places of a ball with the camera's mount, by the arm as its table has it, without those that are far off.
 
-    Raises CalibError where the mount is not clear.
+    flange  # (M, 4, 4) base_T_flange of each place. Raises CalibError where the mount is not clear, or the ball's size
+    contradicts the arm.
     """
-    fits = {}
-    for name in MOUNTS if given.mount is None else (given.mount,):
-        dataset = _to_fit(replace(given, mount=name), robot, ids, q, Scanner())
-        with suppress(CalibError):
-            # Held, the links cannot bend to a wrong place.
-            fits[name] = calibrate(dataset, residual="position", robust=True, fixed=robot.parameter_names[:-_OF_TOOL])
-    chi = {name: fit.fit.reduced_chi for name, fit in fits.items()}
-    best = min(chi, key=lambda name: chi[name], default="")
-    if not best or any(chi[name] < _FAR_MISFIT * chi[best] for name in chi if name != best):
-        told = ", ".join(f"{value:.3g} with the camera {_AT[name]}" for name, value in chi.items())
+    seen_mm = given.camera_T_board[:, :3, 3]
+    assert given.covariance is not None
+    fits = {
+        name: ball_hand_eye(flange, seen_mm, given.covariance, np.random.default_rng(0), on_flange=name == "flange")
+        for name in (MOUNTS if given.mount is None else (given.mount,))
+    }
+    best = min(fits, key=lambda name: fits[name].misfit)
+    if any(fits[name].misfit < _FAR_MISFIT * fits[best].misfit for name in fits if name != best):
+        told = ", ".join(f"{fit.misfit:.3g} with the camera {_AT[name]}" for name, fit in fits.items())
         raise CalibError(
-            f"the {len(given.names)} places of the ball do not tell where the camera is (misfit over noise: "
-            f"{told or 'none can be fitted'}); give --mount flange or --mount room, measure more poses, and check that "
-            "joints and images belong together"
+            f"the {len(given.names)} places of the ball do not tell where the camera is (misfit over noise: {told}); "
+            "give --mount flange or --mount room, measure more poses, and check that joints and images belong together"
         )
-    train, errors_mm = fits[best].after.train, fits[best].outlier_errors_mm
-    far = {name: mm for name, mm in errors_mm.items() if train is not None and mm > _FAR_MISFIT * train.rmse_mm}
+    chosen = fits[best]
+    _require_scale(chosen.scale, chosen.scale_sigma, given)
+    off_mm = np.linalg.norm(chosen.error_mm, axis=1)
     notes = [
         f"pose {name} is left out: what its image shows is {mm:.3g} mm from where the arm has the ball"
-        for name, mm in far.items()
+        for name, mm, kept in zip(given.names, off_mm, chosen.kept, strict=True)
+        if not kept
     ]
     if given.mount is None:
         notes.insert(0, f"the camera is {_AT[best]}, by the arm as its table has it")
-    kept = np.array([name not in far for name in given.names])
-    assert given.covariance is not None
     return replace(
-        given, mount=best, notes=(*given.notes, *notes), camera_T_board=given.camera_T_board[kept],
-        covariance=given.covariance[kept], names=tuple(np.array(given.names)[kept].tolist()),
+        given, mount=best, notes=(*given.notes, *notes), camera_T_board=given.camera_T_board[chosen.kept],
+        covariance=given.covariance[chosen.kept], names=tuple(np.array(given.names)[chosen.kept].tolist()),
     )  # fmt: skip
 
 
@@ -413,19 +431,25 @@ def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     return sigmas
 
 
-def _require_scale(found: BoardHandEye, given: CameraPoints) -> None:
-    """Raise CalibError where the board's declared size contradicts the lengths of the arm."""
-    off = abs(1.0 / found.scale - 1.0) if found.scale > 0.0 else float("inf")
-    if not found.is_determined or off < _WRONG_SCALE or abs(found.scale - 1.0) < _SURE * found.scale_sigma:
+def _require_scale(scale: float, sigma: float, given: CameraPoints) -> None:
+    """Raise CalibError where the declared size of board or ball contradicts the lengths of the arm."""
+    off = abs(1.0 / scale - 1.0) if scale > 0.0 else float("inf")
+    if off < _WRONG_SCALE or abs(scale - 1.0) < _SURE * sigma:
         return
+    fitting = f"{scale:.4g} times as large"
+    if given.ball is not None:
+        raise CalibError(
+            f"--board {given.ball}: the images fit the arm with a ball {fitting} (± {sigma:.2g}); measure its "
+            "diameter, or check the robot's units and the lens's"
+        )
     if given.views is None:
         raise CalibError(
-            f"the marker's poses fit the arm with lengths {found.scale:.4g} times as large; check --length-unit, and "
+            f"the marker's poses fit the arm with lengths {fitting}; check --length-unit, and "
             "the marker's size in the program that measured them"
         )
     raise CalibError(
-        f"--board {given.views.board}: the images fit the arm with a board {found.scale:.4g} times as large "
-        f"(± {found.scale_sigma:.2g}); measure its squares, or check the robot's units"
+        f"--board {given.views.board}: the images fit the arm with a board {fitting} "
+        f"(± {sigma:.2g}); measure its squares, or check the robot's units"
     )
 
 

@@ -367,6 +367,7 @@ class ImportOptions(RobotFileOptions):
     tool: tuple[float, float, float] | None  # mm
     images: Path | None
     board: str | None
+    board_sigma: float | None  # percent
     dictionary: str | None
     intrinsics: Path | None
     marker_poses: Path | None

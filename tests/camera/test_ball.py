@@ -12,6 +12,7 @@ import pytest
 from calib import calibrate, load_dataset
 from calib.camera.ball import find_ball
 from calib.camera.lens import Lens
+from calib.kinematics.ball_hand_eye import ball_hand_eye
 from inspector.cli.parser import main
 from tests.support.camera_scene import Scene
 
@@ -99,6 +100,24 @@ def test_what_is_no_ball_is_told():
         assert isinstance(found(draw(empty.copy())), str)
 
 
+@pytest.mark.parametrize("on_flange", [True, pytest.param(False, marks=pytest.mark.thorough)])
+def test_a_third_of_the_places_may_be_wrong_and_so_may_the_diameter(on_flange):
+    """The wrong ones are all of one other ball that stands still, which is the worst: they agree with each other."""
+    rng = np.random.default_rng(4)
+    scene = Scene.draw(rng, on_flange=on_flange, poses=18, link_mm=0.5, link_deg=0.05)
+    true = scene.camera_T_board[:, :3, 3]
+    sight = true / np.linalg.norm(true, axis=1)[:, None]
+    covariance = 0.05**2 * np.eye(3) + 2.0**2 * sight[:, :, None] * sight[:, None, :]
+    seen = true + np.array([rng.multivariate_normal(np.zeros(3), one) for one in covariance])
+    wrong = np.arange(18) % 3 == 1
+    seen[wrong] = np.array([-60.0, 40.0, 450.0]) + rng.normal(size=(6, 3))
+    told = seen / 1.1  # of a ball 10 % larger than told
+    fits = [ball_hand_eye(scene.flanges(), told, covariance, rng, on_flange=at) for at in (on_flange, not on_flange)]
+    assert np.array_equal(fits[0].kept, ~wrong)
+    assert abs(fits[0].scale - 1.1) < 4.0 * fits[0].scale_sigma < 0.03
+    assert fits[0].misfit < 4.0 < 20.0 < fits[1].misfit
+
+
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory) -> tuple[Path, Scene]:
     """Images of a ball on the flange by a camera in the room; the second shows another ball elsewhere."""
@@ -141,6 +160,16 @@ def test_images_of_a_ball_become_a_dataset_of_points(cell, tmp_path, capsys):
     fitted = calibrate(dataset)
     assert fitted.residual == "position"
     assert fitted.fit.reduced_chi < 1.5
+
+
+@pytest.mark.thorough
+def test_a_ball_of_another_size_is_told(cell, tmp_path, capsys):
+    folder, _ = cell
+    lens = ("--intrinsics", str(folder / "lens.json"))
+    assert importing(folder, tmp_path / "cell", *lens, "--board", "ball:66") == 2
+    said = capsys.readouterr().err
+    assert "--board ball:66: the images fit the arm with a ball 0.9" in said
+    assert "measure its diameter" in said
 
 
 def test_a_ball_needs_a_lens(cell, tmp_path, capsys):

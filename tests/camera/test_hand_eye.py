@@ -75,6 +75,19 @@ def test_a_camera_is_found_within_its_sigmas_and_better_than_opencv_finds_it(on_
     assert np.linalg.norm(error[:3]) < np.linalg.norm(theirs.ravel() - scene.parent_T_camera[:3, 3])
 
 
+def test_a_board_of_a_slightly_other_size_moves_no_camera():
+    """Taken as exact, it puts the camera 1 mm off and more, ten sigmas and more: the links take the size up."""
+    rng = np.random.default_rng(5)
+    scene = Scene.draw(rng, on_flange=True, poses=16)
+    dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=true_lens(), swell=1.003, board_sigma=0.001)
+    calibration = calibrate(dataset, residual="pose")
+    assert calibration.holds_table
+    (place,) = camera_places(calibration)
+    error = place_errors(scene, place)
+    assert error @ np.linalg.solve(place.covariance, error) < 22.5  # 0.1 % of six degrees of freedom
+    assert np.linalg.norm(error[:3]) < 0.15
+
+
 @pytest.mark.thorough
 def test_held_links_give_a_camera_as_good_as_opencvs_where_the_arm_errs():
     ours, theirs = [], []

@@ -385,7 +385,11 @@ def _of_fit(start: FromFit) -> list[str]:
         )
     elif check.verdict == "unknown":
         lines.append("no noise of the points is declared: the residual of the fit is taken for noise")
-    if start.calibration.residual != "position":
+    if start.calibration.residual == "pose":
+        lines.append(
+            "the poses are chosen by the places that they give; the attitudes, which this fit takes too, add to it"
+        )
+    elif start.calibration.residual != "position":
         lines.append(f"planned as for a fit of positions; this one is of {start.calibration.residual}")
     return lines
 

@@ -192,6 +192,12 @@ def camera_arguments(sub: ArgumentParser) -> None:
         "apriltag:6x6:40:12 (tags, mm of a tag, mm of a gap), apriltag:50 (a single one), aruco:...",
     )
     sub.add_argument(
+        "--board-sigma",
+        type=float,
+        metavar="PERCENT",
+        help="standard deviation of the board's size, 0.1 by a caliper over all of it (default: taken as exact)",
+    )
+    sub.add_argument(
         "--dictionary", metavar="NAME", help="of the markers, such as DICT_4X4_50 (default: by the images)"
     )
     sub.add_argument(

@@ -69,6 +69,7 @@ def _choice(options: ImportOptions) -> ImportChoice:
     camera = CameraChoice(
         options.images, options.board, options.dictionary, options.intrinsics, options.marker_poses,
         options.length_unit, options.mount, options.flange_poses,
+        None if options.board_sigma is None else 0.01 * options.board_sigma,
     )  # fmt: skip
     camera.require_consistent()
     return ImportChoice(
