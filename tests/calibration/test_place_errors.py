@@ -13,18 +13,18 @@ from inspector.cli.parser import main
 from tests.support.scenarios.shop import LIMITS_DEG, above_table, in_sockets
 
 
+def _visited(folder, seed, postures):
+    """Visits of a printed plate, 0.1 mm off, seated to 0.05 mm: true arm, by kinematics of its own, and dataset."""
+    shop = in_sockets(seed, postures=postures, seat_mm=0.05)
+    shop.write(folder / "files")
+    words = ["import", str(folder / "cell"), "--from", str(folder / "files")]
+    assert main([*words, "--sigma", "0.05", "--place-sigma", "0.1"]) == 0
+    return shop.arm, load_dataset(folder / "cell")
+
+
 @pytest.fixture(scope="module")
-def sockets(tmp_path_factory):
-    """Two arms that visited a printed plate, 0.1 mm off, seated to 0.05 mm; the simulation has its own kinematics."""
-    made = []
-    for seed in range(2):
-        folder = tmp_path_factory.mktemp("plate")
-        shop = in_sockets(seed, postures=3, seat_mm=0.05)
-        shop.write(folder / "files")
-        words = ["import", str(folder / "cell"), "--from", str(folder / "files")]
-        assert main([*words, "--sigma", "0.05", "--place-sigma", "0.1"]) == 0
-        made.append((shop.arm, load_dataset(folder / "cell")))
-    return made
+def dataset(tmp_path_factory):
+    return _visited(tmp_path_factory.mktemp("plate"), 0, 2)[1]
 
 
 def _scale(arm, fitted, rng) -> tuple[float, float]:
@@ -46,9 +46,11 @@ def _scale(arm, fitted, rng) -> tuple[float, float]:
     return at / true_size - 1.0, float(np.sqrt(slope @ fitted.fit.covariance @ slope)) / true_size
 
 
-def test_the_size_of_an_arm_is_as_certain_as_the_plate_that_it_visited(sockets):
+@pytest.mark.thorough
+def test_the_size_of_an_arm_is_as_certain_as_the_plate_that_it_visited(tmp_path):
     declared, exact = [], []
-    for arm, dataset in sockets:
+    for seed in range(2):
+        arm, dataset = _visited(tmp_path / str(seed), seed, 3)
         for scores, cell in (
             (declared, dataset),
             (exact, replace(dataset, scanner=replace(dataset.scanner, place_sigma_mm=None))),
@@ -59,8 +61,7 @@ def test_the_size_of_an_arm_is_as_certain_as_the_plate_that_it_visited(sockets):
     assert np.sqrt(np.mean(np.square(exact))) > 3.0  # taken as exact, the plate's error is in no sigma
 
 
-def test_errors_of_places_are_kept_with_a_model_and_told(sockets, tmp_path, capsys):
-    _, dataset = sockets[0]
+def test_errors_of_places_are_kept_with_a_model_and_told(dataset, tmp_path, capsys):
     fitted = calibrate(dataset)
     rows = {row["name"]: row for row in fitted.parameter_rows() if row["name"].startswith("places.")}
     assert len(rows) == 12
@@ -76,8 +77,7 @@ def test_errors_of_places_are_kept_with_a_model_and_told(sockets, tmp_path, caps
     assert robot.parameter_names == dataset.robot.parameter_names  # places are no part of the arm
 
 
-def test_points_that_are_no_known_places_are_refused(sockets):
-    _, dataset = sockets[0]
+def test_points_that_are_no_known_places_are_refused(dataset):
     points = replace(dataset.points, xyz_mm=dataset.points.xyz_mm + np.arange(len(dataset.points))[:, None])
     with pytest.raises(DatasetError, match="leave it out"):
         calibrate(replace(dataset, points=points))
