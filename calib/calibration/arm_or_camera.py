@@ -83,7 +83,7 @@ def arm_or_camera(calibration: Calibration) -> ArmOrCamera | None:
     seen = _seen(calibration.dataset.camera, calibration, observed.points)
     if seen is None:
         return None
-    observed = replace(observed, points=replace(observed.points, shared=None))
+    observed = replace(observed, points=replace(observed.points.free_of(None), shared=None))
     return _compared(calibration, views, observed, seen)
 
 

@@ -160,6 +160,10 @@ def _calibrated(
             "the points do not depend on the joints: measure poses that differ"
         )
     outliers = tuple(dataset.poses.ids[i] for i in np.unique(observed.points.pose[~kept]))
+    found = _shared_errors(model, options, observed.select(kept), fit.x)
+    free = given.free_of_shared(found)
+    dataset = free if dataset is given else dataset.free_of_shared(found)
+    given = free
     as_delivered, at_fit = evaluate_all(model, [model.delivered(fit.x), fit.x], given, outliers)
     return Calibration(
         dataset=given,
@@ -171,6 +175,13 @@ def _calibrated(
         outliers=outliers,
         averaged=None if dataset is given else dataset,
     )
+
+
+def _shared_errors(model: Model, options: FitOptions, observed: Observations, x: Array) -> Array | None:
+    """What a fit of full poses finds of the errors (K,) that all points share, in their sigmas; None without any."""
+    if options.residual != "pose" or observed.points.shared is None:
+        return None
+    return PoseResiduals(model, with_nominal_scanner_frames(observed, model.placed_robot)).shared_errors(x)
 
 
 def with_links_held(options: FitOptions, robot: Robot) -> FitOptions:

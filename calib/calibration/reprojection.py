@@ -1,7 +1,7 @@
 """Reprojection of a fit: where fitted arm, camera and board put the corners in each image, beside where they are seen.
 
-A lens that was found from the images is an unknown of the fit. Its numbers are then those with the least squared errors
-of the fitted images' corners, the board being where arm, camera's and board's place put it.
+A lens that was found from the images is an unknown of the fit, and so may the board's size be. What the fit finds of them
+moves the board to where the declared lens and size show it.
 """
 
 from __future__ import annotations
@@ -15,12 +15,10 @@ from calib import frames
 from calib.array_types import Array
 from calib.brief import Brief
 from calib.calibration.result import Calibration
-from calib.camera.lens import FREE_NAMES, LENS_NAMES, by_lens, project
+from calib.camera.lens import project
 from calib.camera.view import View
 from calib.fitting.observations import Observations, predict_poses, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals
-
-_ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class ReprojectedView(Brief):
 def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
     """Views of all measured poses, test poses too; empty where no images of a board were fitted as full poses.
 
-    Camera and board are where the training poses put them; so is a lens that was found from the images.
+    Camera and board are where the training poses put them, and so is what else the fit finds of lens and board.
     """
     dataset = calibration.dataset
     if dataset.camera is None or calibration.residual != "pose":
@@ -58,7 +56,7 @@ def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
     everything = replace(everything, scanner_T_base=training.scanner_T_base)
     residuals = PoseResiduals(model, everything)
     errors = residuals.errors(placed, *predict_poses(model, x, everything))
-    points = everything.points
+    points = everything.points.free_of(None)
     assert points.orientations is not None
     turns = frames.rotation_from_rotvec(errors[:, 3:]) @ points.orientations.scanner_R_jig
     seen = []
@@ -67,9 +65,6 @@ def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
         if view is not None and np.isfinite(turn).all():
             seen.append((view, str(dataset.poses.role[pose]), view.board_mm @ turn.T + place_mm))
     numbers = np.array(dataset.camera.lens.numbers)
-    fitted = [(view.pixels, camera_mm) for view, role, camera_mm in seen if role != "test"]
-    if dataset.camera.lens_from == "images" and fitted:
-        numbers = _refitted(numbers, *map(np.concatenate, zip(*fitted, strict=True)))
     return tuple(ReprojectedView(view, role, project(numbers, camera_mm)) for view, role, camera_mm in seen)
 
 
@@ -84,18 +79,6 @@ def full_pose_errors(calibration: Calibration) -> Array:
     training, residuals = _fitted_residuals(calibration)
     x = calibration.fit.x
     return residuals.errors(residuals.frames_and_hand_eye(x), *predict_poses(calibration.model, x, training))
-
-
-def _refitted(numbers: Array, pixels: Array, camera_mm: Array) -> Array:
-    """Lens numbers (12,) with the least squared errors of corners (N, 2) at known places (N, 3) before the camera."""
-    free = [LENS_NAMES.index(name) for name in FREE_NAMES]
-    numbers = numbers.copy()
-    for _ in range(_ROUNDS):
-        columns = by_lens(numbers, camera_mm).reshape(-1, len(numbers))[:, free]
-        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        left = (pixels - project(numbers, camera_mm)).ravel()
-        numbers[free] += np.linalg.lstsq(columns / scale, left, rcond=1e-9)[0] / scale
-    return numbers
 
 
 def rms_px(views: tuple[ReprojectedView, ...]) -> float | None:

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
 from calib.camera.observed import CameraViews
@@ -289,6 +290,25 @@ class Points(Brief):
     # (M, 6, K) changes of point, mm, and orientation, rad, by one sigma of each of K errors that all points share,
     # such as those of a camera's lens
     shared: Array | None = None
+    shared_found: Array | None = None  # (K,) of these, in sigmas, that a fit found and that the points are free of
+
+    def free_of(self, found: Array | None) -> Points:
+        """The points free of given errors (K,), in sigmas, that all share; with None as they were measured."""
+        if self.shared is None or (found is None and self.shared_found is None):
+            return self
+        moved = self
+        for sign, errors in ((1.0, self.shared_found), (-1.0, found)):
+            if errors is not None:
+                moved = moved._moved(sign * (self.shared @ errors))
+        return replace(moved, shared_found=found)
+
+    def _moved(self, change: Array) -> Points:
+        """The points moved by (M, 6): mm, and rotation vectors, rad, about the scanner's axes."""
+        turned = self.orientations
+        if turned is not None:
+            rotations = frames.rotation_from_rotvec(change[:, 3:]) @ turned.scanner_R_jig
+            turned = replace(turned, scanner_R_jig=rotations)
+        return replace(self, xyz_mm=self.xyz_mm + change[:, :3], orientations=turned)
 
     @property
     def coordinates(self) -> int:
@@ -307,8 +327,9 @@ class Points(Brief):
         lengths = None if self.lengths is None else self.lengths.select(keep)
         shared = None if self.shared is None else self.shared[keep]
         return Points(
-            self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as, lengths, shared
-        )
+            self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as, lengths, shared,
+            self.shared_found,
+        )  # fmt: skip
 
     def _brief(self) -> str:
         targets = ", ".join(map(str, np.unique(self.target)))
@@ -382,6 +403,12 @@ class Dataset(Presented):
         """The dataset with these measured points, except those of poses that are left out."""
         gone = [self.poses.index(pose_id) for pose_id in self.left_out]
         return replace(self, points=points.select(~np.isin(points.pose, gone)) if gone else points)
+
+    def free_of_shared(self, found: Array | None) -> Dataset:
+        """The dataset with its points free of errors (K,) that all share, see `Points.free_of`."""
+        if self.points is None or self.points.shared is None:
+            return self
+        return replace(self, points=self.points.free_of(found))
 
     def leave_out(self, pose_ids: Sequence[str]) -> Dataset:
         """The dataset without the measured points of some poses, with a note; the poses themselves stay.

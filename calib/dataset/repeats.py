@@ -185,6 +185,7 @@ def _mean_points(points: Points, group: IndexArray, first: IndexArray) -> Points
         orientations=_mean_orientations(points.orientations, group, counts_as),
         counts_as=counts_as,
         shared=None if points.shared is None else _group_means(points.shared, group, len(first)),
+        shared_found=points.shared_found,
     )
 
 

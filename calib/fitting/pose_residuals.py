@@ -29,7 +29,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, Points
 from calib.effects.effect import Parameter
 from calib.errors import FitError
 from calib.fitting.model import Model
@@ -99,6 +99,12 @@ class PoseResiduals(Brief):
     def noise_floor(self) -> float:
         return self.observed.noise_floor
 
+    def _measured(self, points: Points) -> Array:
+        """Orientations scanner_R_jig (M, 3, 3) of the points; the identity where one is not known."""
+        if points.orientations is None or not self.has_orientation.any():
+            raise FitError(_NO_ORIENTATION)
+        return np.where(self.has_orientation[:, None, None], points.orientations.scanner_R_jig, np.eye(3))
+
     @cached_property
     def _setups(self) -> list[IndexArray]:
         setup = self.observed.setup
@@ -112,12 +118,9 @@ class PoseResiduals(Brief):
         return known if orientations is None else orientations.known
 
     @cached_property
-    def _measured(self) -> Array:
-        """Measured scanner_R_jig (M, 3, 3); the identity where it is not known."""
-        orientations = self.observed.points.orientations
-        if orientations is None or not self.has_orientation.any():
-            raise FitError(_NO_ORIENTATION)
-        return np.where(self.has_orientation[:, None, None], orientations.scanner_R_jig, np.eye(3))
+    def _as_measured(self) -> Points:
+        """The points with the errors that all share: what the fit finds of them has its prior about zero."""
+        return self.observed.points.free_of(None)
 
     @cached_property
     def _whiten(self) -> Array:
@@ -160,6 +163,16 @@ class PoseResiduals(Brief):
         """Best scanner frames and hand-eye rotation at x (P,)."""
         return self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))[0]
 
+    def shared_errors(self, x: Array) -> Array | None:
+        """Most likely errors (K,), each in its sigmas, that all points share, at x (P,); None where they share none."""
+        if self._shared is None:
+            return None
+        assert self.observed.points.shared is not None
+        _, error, _ = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
+        columns = (self._whiten @ self.observed.points.shared).reshape(len(self._rows), -1)[self._rows]
+        whitened = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
+        return np.asarray(np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, -columns.T @ whitened))
+
     def residual(self, x: Array) -> Array:
         _, error, _ = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
         return self.whitened(error[:, :, None])[:, 0]
@@ -180,7 +193,7 @@ class PoseResiduals(Brief):
         placed, error, columns = self._solve_frames_and_hand_eye(base_mm, attitude)
         turn = self._scanner_R_base(placed)
         by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
-        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        at_mm = error[:, :3] + self._as_measured.xyz_mm
         centres = {str(self.observed.setup[rows[0]]): at_mm[rows].mean(axis=0) for rows in self._setups}
         return Nuisance(placed, centres, self.whitened(by_x), self.whitened(columns), base_mm, attitude)
 
@@ -189,14 +202,21 @@ class PoseResiduals(Brief):
         return self._basis(self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))[2])
 
     def errors(self, placed: FramesAndHandEye, base_mm: Array, attitude: Array) -> Array:
-        """Errors (M, 6), predicted minus measured: mm, and rotation vector in rad (meaningless without orientation)."""
+        """Errors (M, 6), predicted minus measured: mm, and rotation vector in rad (meaningless without orientation).
+
+        The points are free of those shared errors that an earlier fit found.
+        """
+        return self._errors(placed, base_mm, attitude, self.observed.points)
+
+    def _errors(self, placed: FramesAndHandEye, base_mm: Array, attitude: Array, points: Points) -> Array:
+        """Errors (M, 6) as `errors` has them, against given points."""
         at_mm = np.empty_like(base_mm)
         for rows in self._setups:
             scanner_T_base = placed.scanner_T_base[str(self.observed.setup[rows[0]])]
             at_mm[rows] = frames.apply(scanner_T_base, base_mm[rows])
         jig = self._scanner_R_base(placed) @ attitude @ placed.tool_R_jig
-        turn = frames.rotvec_from_rotation(jig @ np.swapaxes(self._measured, 1, 2))
-        return np.concatenate([at_mm - self.observed.points.xyz_mm, turn], axis=1)
+        turn = frames.rotvec_from_rotation(jig @ np.swapaxes(self._measured(points), 1, 2))
+        return np.concatenate([at_mm - points.xyz_mm, turn], axis=1)
 
     def _scanner_R_base(self, placed: FramesAndHandEye) -> Array:
         """Rotation scanner_R_base (M, 3, 3) of each point's setup."""
@@ -232,7 +252,7 @@ class PoseResiduals(Brief):
         base_mm  # (M, 3); attitude  # (M, 3, 3)
         """
         placed, least = self._first_guess(base_mm, attitude), _LEAST_BEND
-        error = self.errors(placed, base_mm, attitude)
+        error = self._errors(placed, base_mm, attitude, self._as_measured)
         right = self.whitened(error[:, :, None])[:, 0]
         for _ in range(_STEPS):
             columns = self._nuisance_columns(placed, error, attitude)
@@ -245,7 +265,7 @@ class PoseResiduals(Brief):
                 if np.max(np.abs(motion), initial=0.0) < 1e-9 * (1.0 + float(np.linalg.norm(right))):
                     return placed, error, columns
                 there = self._moved(placed, motion / scale, error)
-                error_there = self.errors(there, base_mm, attitude)
+                error_there = self._errors(there, base_mm, attitude, self._as_measured)
                 right_there = self.whitened(error_there[:, :, None])[:, 0]
                 if least >= 1.0 or np.linalg.norm(right_there) <= np.linalg.norm(right):
                     break
@@ -273,7 +293,7 @@ class PoseResiduals(Brief):
         by_hand_eye = self._scanner_R_base(placed) @ attitude
         out[-3:, -3:] = np.sum(np.swapaxes(by_hand_eye, 1, 2) @ bend @ by_hand_eye, axis=0)
         crossed = crossed @ by_hand_eye
-        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        at_mm = error[:, :3] + self._as_measured.xyz_mm
         for k, rows in enumerate(self._setups):
             both = gradient[rows, :3].T @ (at_mm[rows] - at_mm[rows].mean(axis=0))
             turns = slice(6 * k + 3, 6 * k + 6)
@@ -287,17 +307,17 @@ class PoseResiduals(Brief):
         placed = {}
         for rows in self._setups:
             placed[str(self.observed.setup[rows[0]])] = fit_scanner_frame(
-                base_mm[rows], self.observed.points.xyz_mm[rows], self.observed.covariance_mm2[rows]
+                base_mm[rows], self._as_measured.xyz_mm[rows], self.observed.covariance_mm2[rows]
             )
         predicted = self._scanner_R_base(FramesAndHandEye(placed, np.eye(3))) @ attitude
-        estimates = (np.swapaxes(predicted, 1, 2) @ self._measured)[self.has_orientation]
+        estimates = (np.swapaxes(predicted, 1, 2) @ self._measured(self._as_measured))[self.has_orientation]
         return FramesAndHandEye(placed, frames.mean_rotation(estimates))
 
     def _nuisance_columns(self, placed: FramesAndHandEye, error: Array, attitude: Array) -> Array:
         """Derivative (M, 6, 6 S + 3) of the errors by shift and turn of S frames, and by the hand-eye turn."""
         out = np.zeros((len(error), 6, 6 * len(self._setups) + 3))
         by_turn = _by_left_turn(error[:, 3:])
-        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        at_mm = error[:, :3] + self._as_measured.xyz_mm
         for k, rows in enumerate(self._setups):
             arm = at_mm[rows] - at_mm[rows].mean(axis=0)
             out[rows, :3, 6 * k : 6 * k + 3] = np.eye(3)
@@ -308,7 +328,7 @@ class PoseResiduals(Brief):
 
     def _moved(self, placed: FramesAndHandEye, motion: Array, error: Array) -> FramesAndHandEye:
         moved = {}
-        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        at_mm = error[:, :3] + self._as_measured.xyz_mm
         for k, rows in enumerate(self._setups):
             name = str(self.observed.setup[rows[0]])
             shift, turn = (motion[6 * k : 6 * k + 3], frames.rotation_from_rotvec(motion[6 * k + 3 : 6 * k + 6]))

@@ -13,8 +13,10 @@ from calib import calibrate
 from calib.calibration.arm_or_camera import arm_or_camera
 from calib.calibration.mount import camera_places
 from calib.calibration.reprojection import reprojected_views, rms_px
+from calib.calibration.result import declared_sigma_mm
 from calib.camera.board import board_of
 from calib.camera.view import covariance_of
+from calib.dataset.files.points_csv import points_frame
 from inspector.figures import reprojection, to_svg
 from tests.support.camera_dataset import simulated_dataset, simulated_views, true_lens
 from tests.support.camera_scene import Scene, flange, nominal_table
@@ -86,6 +88,28 @@ def test_a_board_of_a_slightly_other_size_moves_no_camera():
     error = place_errors(scene, place)
     assert error @ np.linalg.solve(place.covariance, error) < 22.5  # 0.1 % of six degrees of freedom
     assert np.linalg.norm(error[:3]) < 0.15
+    # What is left is the corners' noise: the size that was found is taken off places, attitudes and pixels.
+    noise_mm = np.sqrt(3.0) * declared_sigma_mm(dataset)
+    assert calibration.after.train.rmse_mm == pytest.approx(noise_mm, rel=0.3)
+    assert rms_px(reprojected_views(calibration)) == pytest.approx(0.1, rel=0.1)
+    assert calibration.dataset.points.shared_found == pytest.approx([-3.0], abs=0.3)  # measured 0.3 % too short
+
+
+def test_what_all_points_share_is_found_again_from_points_that_are_free_of_it():
+    rng = np.random.default_rng(6)
+    scene = Scene.draw(rng, on_flange=False, poses=14, link_mm=0.5, link_deg=0.05)
+    dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, swell=1.001, board_sigma=0.001)
+    first = calibrate(dataset, residual="pose")
+    again = calibrate(first.dataset, residual="pose")
+    found = first.dataset.points.shared_found
+    assert np.abs(found).max() > 0.3
+    assert again.dataset.points.shared_found == pytest.approx(found, abs=1e-3)
+    assert again.fit.x == pytest.approx(first.fit.x, abs=1e-5)
+    written, measured = (points_frame(one.poses, one.points) for one in (first.dataset, dataset))
+    assert np.allclose(written.to_numpy()[:, 1:].astype(float), measured.to_numpy()[:, 1:].astype(float), atol=1e-9)
+    rows = np.array([3, 5])
+    kept = first.dataset.points.select(rows)
+    assert kept.free_of(None).xyz_mm == pytest.approx(dataset.points.xyz_mm[rows], abs=1e-9)
 
 
 @pytest.mark.thorough

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -41,11 +42,17 @@ def nominal_table() -> Array:
 def flange(table: Array, q: Array) -> Array:
     """base_T_flange by elementary transforms Rz(theta + q) T(a, 0, d) Rx(alpha) Ry(beta)."""
     out = np.eye(4)
-    for (a, alpha, d, theta, beta), angle in zip(table, q, strict=True):
-        out = out @ transform(Rotation.from_euler("z", theta + angle), [0, 0, 0])
-        out = out @ transform(Rotation.identity(), [a, 0, d])
-        out = out @ transform(Rotation.from_euler("x", alpha), [0, 0, 0])
-        out = out @ transform(Rotation.from_euler("y", beta), [0, 0, 0])
+    for (a, alpha, d, theta, beta), angle in zip(table.tolist(), np.asarray(q).tolist(), strict=True):
+        ct, st = math.cos(theta + angle), math.sin(theta + angle)
+        ca, sa, cb, sb = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
+        out = out @ np.array(
+            [
+                [ct * cb - st * sa * sb, -st * ca, ct * sb + st * sa * cb, a * ct],
+                [st * cb + ct * sa * sb, ct * ca, st * sb - ct * sa * cb, a * st],
+                [-ca * sb, sa, ca * cb, d],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
     return out
 
 

@@ -343,7 +343,8 @@ def _by_order(file: TableFile) -> dict[str, Array]:
 
 
 def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
-    """Table of measured points with the columns of points.csv."""
+    """Table of points as they were measured, with the columns of points.csv."""
+    points = points.free_of(None)
     columns: dict[str, Any] = {"pose": [poses.ids[i] for i in points.pose]}
     if np.any(points.target != "jig"):
         columns["target"] = points.target
