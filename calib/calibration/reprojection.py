@@ -1,7 +1,7 @@
 """Reprojection of a fit: where fitted arm, camera and board put the corners in each image, beside where they are seen.
 
-A lens that was found from the images is an unknown of the fit, and so may the board's size be. What the fit finds of them
-moves the board to where the declared lens and size show it.
+A lens that was found from the images is an unknown of the fit, and so may the board's size be. What the fit finds of
+them moves the board to where the declared lens and size show it.
 """
 
 from __future__ import annotations
