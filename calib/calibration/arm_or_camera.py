@@ -10,6 +10,10 @@ eliminated they give n with information S, whatever the arm does. Each hypothesi
 and gives the others normal priors of a size that is averaged over; the likelihoods of all data, noise up to twice the
 pixels' included, are compared at equal prior odds (MacKay 1992). A lens found from the same images is unknown under
 every hypothesis.
+
+Of poses of a marker that another program measured there are no corners. The lens's error is then that of its focal
+length, with which distances grow, and of its first distortion, with which sights leave the middle and distances shrink:
+both turn the marker with the sight along which it is seen.
 """
 
 from __future__ import annotations
@@ -47,11 +51,15 @@ _RADIAL, _TANGENTIAL = 0.05, 0.005
 
 @dataclass(frozen=True)
 class ArmOrCamera(Brief):
-    """Probabilities of what is wrong, and the board's size over the declared one where the camera's side is free."""
+    """Probabilities of what is wrong, and the board's size over the declared one where the camera's side is free.
+
+    The board is a marker where another program measured its poses.
+    """
 
     probabilities: Mapping[str, float]  # by HYPOTHESES, summing to 1
     board_size: float  # the true over the declared, with arm and camera's side free
     board_size_sigma: float
+    of_marker: bool = False  # whose poses another program measured
 
     @property
     def board_is_off(self) -> bool:
@@ -72,24 +80,74 @@ class ArmOrCamera(Brief):
 
 @lru_cache(maxsize=4)  # text, document and verdict of one fit ask for it in turn
 def arm_or_camera(calibration: Calibration) -> ArmOrCamera | None:
-    """Probabilities of arm, camera, both or neither; None where no images of a board were fitted as full poses."""
-    views, points = calibration.dataset.camera, calibration.fitted_dataset.points
-    if views is None or calibration.residual != "pose" or points is None or calibration.model.added_effects:
+    """Probabilities of arm, camera, both or neither; None where no board or marker was fitted as full poses."""
+    dataset, points = calibration.dataset, calibration.fitted_dataset.points
+    is_camera = dataset.camera is not None or dataset.scanner.is_camera
+    if not is_camera or calibration.residual != "pose" or points is None or calibration.model.added_effects:
         return None
     if set(calibration.options.fixed) & set(calibration.model.robot.parameter_names[:-_OF_TOOL]):  # held by the user
         return None
     kept = ~calibration.fitted_dataset.poses.is_test
     observed = Observations.of(calibration.fitted_dataset, kept)
-    seen = _seen(calibration.dataset.camera, calibration, observed.points)
+    observed = replace(observed, points=replace(observed.points.free_of(None), shared=None))
+    if dataset.camera is None:
+        side = _side_of_marker(observed.points)
+    else:
+        side = _side_of_views(dataset.camera, calibration, observed.points)
+    return None if side is None else _compared(calibration, observed, side)
+
+
+@dataclass(frozen=True)
+class _CameraSide:
+    """What may be wrong of lens and board: changes of M measured poses by their usual errors, and what images tell."""
+
+    by_lens: Array  # (M, 6, L) mm and rad
+    by_size: Array  # (M, 6, 1)
+    of_images: Array  # (K,) data on the lens whatever the arm does
+    image_rows: Array  # (K, L) their changes by the lens
+    lens_is_unknown: bool = False  # found from the same images
+    of_marker: bool = False  # whose poses another program measured
+
+
+def _by_size(places_mm: Array) -> Array:
+    """Changes (M, 6, 1) of measured poses at places (M, 3), camera's frame, by a usual error of the board's size."""
+    return np.concatenate([_BOARD_SHARE * places_mm, np.zeros_like(places_mm)], axis=1)[:, :, None]
+
+
+def _side_of_views(views: CameraViews, calibration: Calibration, points: Points) -> _CameraSide | None:
+    """Camera's side of images; None where a fitted point has no corners, or is a mean of several."""
+    seen = _seen(views, calibration, points)
     if seen is None:
         return None
-    observed = replace(observed, points=replace(observed.points.free_of(None), shared=None))
-    return _compared(calibration, views, observed, seen)
+    free = [LENS_NAMES.index(name) for name in FREE_NAMES]
+    scales = _lens_scales(views)[free]
+    by_lens = np.stack([one.by_lens[:, free] for one in seen]) * scales
+    by_size = _by_size(np.stack([one.camera_T_board[:3, 3] for one in seen]))
+    return _CameraSide(by_lens, by_size, *_lens_by_images(views, seen, free, scales), views.lens_from == "images")
 
 
-def _seen(views: CameraViews | None, calibration: Calibration, points: Points) -> list[ViewPose] | None:
+def _side_of_marker(points: Points) -> _CameraSide | None:
+    """Camera's side of a marker's poses that another program measured; None where one has no attitude.
+
+    A sight (x, y, 1) that is off by a small step s turns what is seen along it by z x s.
+    """
+    if points.orientations is None or not points.orientations.known.all() or np.any(points.xyz_mm[:, 2] <= 0.0):
+        return None
+    z = points.xyz_mm[:, 2]
+    sight = points.xyz_mm[:, :2] / z[:, None]
+    square = np.sum(sight**2, axis=1)
+    none = np.zeros_like(sight)
+    across = np.column_stack([-sight[:, 1], sight[:, 0]])  # turn by a step along the sight's own direction
+    focal = np.column_stack([none, z, -across, none[:, :1]]) * _FOCAL_SHARE
+    aside_mm = -z[:, None] * square[:, None] * sight  # nearer by twice of what the sight leaves the middle
+    radial = np.column_stack([aside_mm, -2.0 * square * z, square[:, None] * across, none[:, :1]]) * _RADIAL
+    by_lens = np.stack([focal, radial], axis=2)
+    return _CameraSide(by_lens, _by_size(points.xyz_mm), np.zeros(0), np.zeros((0, 2)), of_marker=True)
+
+
+def _seen(views: CameraViews, calibration: Calibration, points: Points) -> list[ViewPose] | None:
     """View of each fitted point, with the board's pose; None where one has no corners, or is a mean of several."""
-    if views is None or points.orientations is None or not points.orientations.known.all():
+    if points.orientations is None or not points.orientations.known.all():
         return None
     numbers, found = np.array(views.lens.numbers), []
     starts = frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
@@ -101,9 +159,7 @@ def _seen(views: CameraViews | None, calibration: Calibration, points: Points) -
     return found
 
 
-def _compared(
-    calibration: Calibration, views: CameraViews, observed: Observations, seen: list[ViewPose]
-) -> ArmOrCamera:
+def _compared(calibration: Calibration, observed: Observations, side: _CameraSide) -> ArmOrCamera:
     model, x = calibration.model, calibration.fit.x
     residuals = PoseResiduals(model, with_nominal_scanner_frames(observed, model.placed_robot))
     nuisance = residuals.nuisance(x)
@@ -113,12 +169,6 @@ def _compared(
     of_arm: BoolArray = np.array([p.name in scale_of and not p.name.endswith("TCP") for p in model.parameters])
     scales = np.array([scale_of.get(p.name, 1.0) for p in model.parameters])
     arm = (nuisance.by_parameters * scales)[:, of_arm]
-    free = [LENS_NAMES.index(name) for name in FREE_NAMES]
-    lens_scales = _lens_scales(views)[free]
-    by_lens = -residuals.whitened(np.stack([one.by_lens[:, free] for one in seen]) * lens_scales)
-    place = np.stack([one.camera_T_board[:3, 3] for one in seen])
-    by_size = -residuals.whitened(np.concatenate([place, np.zeros_like(place)], axis=1)[:, :, None] * _BOARD_SHARE)
-    of_images, image_rows = _lens_by_images(views, seen, free, lens_scales)
     always = np.concatenate([nuisance.by_frames, nuisance.by_parameters[:, ~of_arm]], axis=1)
     size = np.maximum(np.linalg.norm(always, axis=0), 1e-300)
     basis = orthonormal(always / size)
@@ -126,15 +176,14 @@ def _compared(
     def apart(columns: Array) -> Array:
         return np.asarray(columns - basis @ (basis.T @ columns))
 
-    count = len(image_rows)
-    data = np.concatenate([apart(y[:, None])[:, 0], of_images])
+    count = len(side.of_images)
+    data = np.concatenate([apart(y[:, None])[:, 0], side.of_images])
     padded = {
         "arm": np.concatenate([apart(arm), np.zeros((count, arm.shape[1]))]),
-        "lens": np.concatenate([apart(by_lens), image_rows]),
-        "size": np.concatenate([apart(by_size), np.zeros((count, 1))]),
+        "lens": np.concatenate([apart(-residuals.whitened(side.by_lens)), side.image_rows]),
+        "size": np.concatenate([apart(-residuals.whitened(side.by_size)), np.zeros((count, 1))]),
     }
     dof = len(data) - basis.shape[1]
-    found_from_images = views.lens_from == "images"
     logs = {}
     for name in HYPOTHESES:
         arms = _ARM_SHARES if name in ("arm", "both") else (0.0,)
@@ -143,18 +192,18 @@ def _compared(
             one
             for a in arms
             for c in cameras
-            for one in _log_evidences(data, _columns(padded, a, c, found_from_images), dof)
+            for one in _log_evidences(data, _columns(padded, a, c, side.lens_is_unknown), dof)
         ]
         logs[name] = float(np.logaddexp.reduce(each) - np.log(len(each)))
     whole = np.logaddexp.reduce(list(logs.values()))
     probabilities = {name: float(np.exp(value - whole)) for name, value in logs.items()}
-    size_value, size_sigma = _board_size(data, _columns(padded, 1.0, 1.0, found_from_images), dof)
-    return ArmOrCamera(probabilities, 1.0 + _BOARD_SHARE * size_value, _BOARD_SHARE * size_sigma)
+    size_value, size_sigma = _board_size(data, _columns(padded, 1.0, 1.0, side.lens_is_unknown), dof)
+    return ArmOrCamera(probabilities, 1.0 + _BOARD_SHARE * size_value, _BOARD_SHARE * size_sigma, side.of_marker)
 
 
-def _columns(padded: Mapping[str, Array], arm: float, camera: float, found_from_images: bool) -> Array:
+def _columns(padded: Mapping[str, Array], arm: float, camera: float, lens_is_unknown: bool) -> Array:
     """Columns of all unknowns for given sizes, in standard deviations of their priors; the board's size is the last."""
-    lens = 1.0 if found_from_images else camera
+    lens = 1.0 if lens_is_unknown else camera
     return np.concatenate([arm * padded["arm"], lens * padded["lens"], camera * padded["size"]], axis=1)
 
 

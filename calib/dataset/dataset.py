@@ -76,6 +76,7 @@ class Scanner:
     correlation_length_mm: float | None = None  # l of its correlation exp(-r^2 / 2 l^2); known where its size is
     registration_sigma_mm: float | None = None  # by which surfaces joined of several views are off, each axis
     place_sigma_mm: float | None = None  # of each known place that the points are of, such as a socket, each axis
+    is_camera: bool = False  # whose poses of a marker another program measured: no images were kept
     sigmas_estimated: bool = False  # from what a fit of the links leaves: they weigh, and prove nothing by their size
 
 
@@ -388,7 +389,9 @@ class Dataset(Presented):
     @property
     def usual_residual(self) -> str:
         """Kind of residual that is fitted unless another is asked for."""
-        return usual_residual(by_camera=self.camera is not None, sigmas_estimated=self.scanner.sigmas_estimated)
+        return usual_residual(
+            by_camera=self.camera is not None or self.scanner.is_camera, sigmas_estimated=self.scanner.sigmas_estimated
+        )
 
     @property
     def shows_faces(self) -> bool:

@@ -246,6 +246,7 @@ def _instrument(camera: CameraPoints, declared: dict[str, Any]) -> dict[str, Any
     estimated = {"sigmas": "estimated"} if sigmas["point_sigma_mm"] and "point_sigma_mm" not in declared else {}
     return (
         {"mount": camera.mount or "room"}
+        | ({"kind": "camera"} if camera.views is None and not camera.is_ball else {})
         | estimated
         | {key: value for key, value in sigmas.items() if value is not None}
     )

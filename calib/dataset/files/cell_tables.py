@@ -20,6 +20,7 @@ _MOST_UNLIKE_EDGES = 10.0
 MOUNTS = ("room", "flange")
 
 
+_KINDS = ("scanner", "camera")  # of the instrument
 _SIGMAS = ("declared", "estimated")  # how the sigmas of [scanner] are known
 
 
@@ -61,6 +62,7 @@ def load_scanner(table: TomlTable) -> Scanner:
         correlation_length_mm=length_mm,
         registration_sigma_mm=_sigma(table, "registration_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
         place_sigma_mm=_sigma(table, "place_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        is_camera=table.text("kind", _KINDS[0], choices=_KINDS) == _KINDS[1],
         sigmas_estimated=table.text("sigmas", _SIGMAS[0], choices=_SIGMAS) == _SIGMAS[1],
         extra=table.unread(),
     )
@@ -98,6 +100,8 @@ def scanner_document(scanner: Scanner) -> dict[str, Any]:
         "distance_mm": scanner.distance_mm,
         "max_incidence_deg": scanner.max_incidence_deg,
     }
+    if scanner.is_camera:
+        declared["kind"] = _KINDS[1]
     if scanner.sigmas_estimated:
         declared["sigmas"] = _SIGMAS[1]
     return {key: value for key, value in declared.items() if value is not None} | dict(scanner.extra)

@@ -202,8 +202,9 @@ def usual_residual_of(folder: Path) -> str:
     except (OSError, ValueError):
         return "position"
     scanner = top.get("scanner")
-    estimated = isinstance(scanner, dict) and scanner.get("sigmas") == "estimated"
-    return usual_residual(by_camera="camera" in top, sigmas_estimated=estimated)
+    scanner = scanner if isinstance(scanner, dict) else {}
+    by_camera = "camera" in top or scanner.get("kind") == "camera"
+    return usual_residual(by_camera=by_camera, sigmas_estimated=scanner.get("sigmas") == "estimated")
 
 
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
