@@ -451,9 +451,3 @@ def _require_scale(scale: float, sigma: float, given: CameraPoints) -> None:
         f"--board {given.views.board}: the images fit the arm with a board {fitting} "
         f"(± {sigma:.2g}); measure its squares, or check the robot's units"
     )
-
-
-def board_frames(points: Points) -> Array:
-    """Poses (M, 4, 4) of the board in the camera's frame, from points with orientations."""
-    assert points.orientations is not None
-    return frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)

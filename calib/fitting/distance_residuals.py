@@ -11,16 +11,14 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.brief import Brief
-from calib.effects.effect import Parameter
 from calib.errors import FitError
-from calib.fitting.model import Model
 from calib.fitting.observations import Observations, mean_jig_points, setup_references
+from calib.fitting.observed_residuals import ObservedResiduals
 from calib.fitting.residual import Linearisation
 
 
 @dataclass(frozen=True)
-class DistanceResiduals(Brief):
+class DistanceResiduals(ObservedResiduals):
     """Residuals of distances between a reference pose and all other poses, predicted minus measured, whitened.
 
     Jang's row (eq 14), L_M^2 - L_N^2 = 2 (P_k - P_1)^T (J_k - J_1) dX, divided by 2 L: to first order the same
@@ -30,17 +28,6 @@ class DistanceResiduals(Brief):
 
     A setup without a reference pose starts from its first usable one. Repeats of a pose are averaged first.
     """
-
-    model: Model
-    observed: Observations
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.model.parameters
-
-    @property
-    def noise_floor(self) -> float:
-        return self.observed.noise_floor
 
     @property
     def degrees_spent(self) -> int:

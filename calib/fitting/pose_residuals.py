@@ -27,13 +27,11 @@ from functools import cached_property
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array, BoolArray, IndexArray
-from calib.brief import Brief
+from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset, Points
-from calib.effects.effect import Parameter
 from calib.errors import FitError
-from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_poses, predict_poses
+from calib.fitting.observed_residuals import ObservedResiduals
 from calib.fitting.residual import Linearisation
 from calib.fitting.scanner_frame import fit_scanner_frame, orthonormal
 
@@ -85,30 +83,14 @@ class Nuisance:
 
 
 @dataclass(frozen=True)
-class PoseResiduals(Brief):
+class PoseResiduals(ObservedResiduals):
     """Residuals of jig poses, predicted minus measured, whitened; frames and hand-eye rotation are eliminated."""
-
-    model: Model
-    observed: Observations
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.model.parameters
-
-    @property
-    def noise_floor(self) -> float:
-        return self.observed.noise_floor
 
     def _measured(self, points: Points) -> Array:
         """Orientations scanner_R_jig (M, 3, 3) of the points; the identity where one is not known."""
         if points.orientations is None or not self.has_orientation.any():
             raise FitError(_NO_ORIENTATION)
         return np.where(self.has_orientation[:, None, None], points.orientations.scanner_R_jig, np.eye(3))
-
-    @cached_property
-    def _setups(self) -> list[IndexArray]:
-        setup = self.observed.setup
-        return [np.flatnonzero(setup == name) for name in np.unique(setup)]
 
     @cached_property
     def has_orientation(self) -> BoolArray:
@@ -194,7 +176,7 @@ class PoseResiduals(Brief):
         turn = self._scanner_R_base(placed)
         by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
         at_mm = error[:, :3] + self._as_measured.xyz_mm
-        centres = {str(self.observed.setup[rows[0]]): at_mm[rows].mean(axis=0) for rows in self._setups}
+        centres = {str(self.observed.setup[rows[0]]): at_mm[rows].mean(axis=0) for rows in self._setup_rows}
         return Nuisance(placed, centres, self.whitened(by_x), self.whitened(columns), base_mm, attitude)
 
     def frame_directions(self, x: Array) -> Array:
@@ -211,7 +193,7 @@ class PoseResiduals(Brief):
     def _errors(self, placed: FramesAndHandEye, base_mm: Array, attitude: Array, points: Points) -> Array:
         """Errors (M, 6) as `errors` has them, against given points."""
         at_mm = np.empty_like(base_mm)
-        for rows in self._setups:
+        for rows in self._setup_rows:
             scanner_T_base = placed.scanner_T_base[str(self.observed.setup[rows[0]])]
             at_mm[rows] = frames.apply(scanner_T_base, base_mm[rows])
         jig = self._scanner_R_base(placed) @ attitude @ placed.tool_R_jig
@@ -221,7 +203,7 @@ class PoseResiduals(Brief):
     def _scanner_R_base(self, placed: FramesAndHandEye) -> Array:
         """Rotation scanner_R_base (M, 3, 3) of each point's setup."""
         out = np.empty((len(self.observed.points), 3, 3))
-        for rows in self._setups:
+        for rows in self._setup_rows:
             out[rows] = placed.scanner_T_base[str(self.observed.setup[rows[0]])][:3, :3]
         return out
 
@@ -281,7 +263,7 @@ class PoseResiduals(Brief):
         sym(g p^T) - (g . p) 1. The frame's and the hand-eye's turns of an orientation, one after the other, add half of
         their cross product.
         """
-        out = np.zeros((6 * len(self._setups) + 3, 6 * len(self._setups) + 3))
+        out = np.zeros((6 * len(self._setup_rows) + 3, 6 * len(self._setup_rows) + 3))
         if self._shared is not None:
             ways, size = self._shared
             residual = residual + ways @ ((1.0 / np.sqrt(1.0 + size**2) - 1.0) * (ways.T @ residual))
@@ -294,7 +276,7 @@ class PoseResiduals(Brief):
         out[-3:, -3:] = np.sum(np.swapaxes(by_hand_eye, 1, 2) @ bend @ by_hand_eye, axis=0)
         crossed = crossed @ by_hand_eye
         at_mm = error[:, :3] + self._as_measured.xyz_mm
-        for k, rows in enumerate(self._setups):
+        for k, rows in enumerate(self._setup_rows):
             both = gradient[rows, :3].T @ (at_mm[rows] - at_mm[rows].mean(axis=0))
             turns = slice(6 * k + 3, 6 * k + 6)
             out[turns, turns] = 0.5 * (both + both.T) - np.trace(both) * np.eye(3) + bend[rows].sum(axis=0)
@@ -305,7 +287,7 @@ class PoseResiduals(Brief):
     def _first_guess(self, base_mm: Array, attitude: Array) -> FramesAndHandEye:
         """Start values: frames from the positions alone, then the mean hand-eye rotation over the orientations."""
         placed = {}
-        for rows in self._setups:
+        for rows in self._setup_rows:
             placed[str(self.observed.setup[rows[0]])] = fit_scanner_frame(
                 base_mm[rows], self._as_measured.xyz_mm[rows], self.observed.covariance_mm2[rows]
             )
@@ -315,10 +297,10 @@ class PoseResiduals(Brief):
 
     def _nuisance_columns(self, placed: FramesAndHandEye, error: Array, attitude: Array) -> Array:
         """Derivative (M, 6, 6 S + 3) of the errors by shift and turn of S frames, and by the hand-eye turn."""
-        out = np.zeros((len(error), 6, 6 * len(self._setups) + 3))
+        out = np.zeros((len(error), 6, 6 * len(self._setup_rows) + 3))
         by_turn = _by_left_turn(error[:, 3:])
         at_mm = error[:, :3] + self._as_measured.xyz_mm
-        for k, rows in enumerate(self._setups):
+        for k, rows in enumerate(self._setup_rows):
             arm = at_mm[rows] - at_mm[rows].mean(axis=0)
             out[rows, :3, 6 * k : 6 * k + 3] = np.eye(3)
             out[rows, :3, 6 * k + 3 : 6 * k + 6] = -frames.skew(arm)
@@ -329,7 +311,7 @@ class PoseResiduals(Brief):
     def _moved(self, placed: FramesAndHandEye, motion: Array, error: Array) -> FramesAndHandEye:
         moved = {}
         at_mm = error[:, :3] + self._as_measured.xyz_mm
-        for k, rows in enumerate(self._setups):
+        for k, rows in enumerate(self._setup_rows):
             name = str(self.observed.setup[rows[0]])
             shift, turn = (motion[6 * k : 6 * k + 3], frames.rotation_from_rotvec(motion[6 * k + 3 : 6 * k + 6]))
             centre = at_mm[rows].mean(axis=0)

@@ -9,42 +9,24 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, IndexArray
-from calib.brief import Brief
-from calib.effects.effect import Parameter
-from calib.fitting.model import Model
 from calib.fitting.observations import (
-    Observations,
     linearise_points,
     predict_points,
 )
+from calib.fitting.observed_residuals import ObservedResiduals
 from calib.fitting.residual import Linearisation
 from calib.fitting.scanner_frame import frame_columns, orthonormal
 
 
 @dataclass(frozen=True)
-class PositionResiduals(Brief):
+class PositionResiduals(ObservedResiduals):
     """Residuals of points, predicted minus measured, scanner frame, whitened; scanner frames are eliminated.
 
     The frames are unknowns that enter in closed form, so they are eliminated (variable projection, Golub and Pereyra
     1973, in Kaufman's form): their columns are projected out of the Jacobian, and the solver never sees them.
     """
 
-    model: Model
-    observed: Observations
     frame_known: bool = False  # True: points are given in the base frame (Park 2022)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.model.parameters
-
-    @property
-    def noise_floor(self) -> float:
-        return self.observed.noise_floor
-
-    @cached_property
-    def _setups(self) -> list[IndexArray]:
-        setup = self.observed.setup
-        return [np.flatnonzero(setup == name) for name in np.unique(setup)]
 
     @cached_property
     def _whiten(self) -> Array:
@@ -53,12 +35,7 @@ class PositionResiduals(Brief):
     @cached_property
     def degrees_spent(self) -> int:
         points_mm = self.observed.points.xyz_mm
-        return sum(self._frame_basis(points_mm[rows], rows).shape[1] for rows in self._setups)
-
-    def scanner_frames(self, x: Array) -> dict[str, Array]:
-        """Transform scanner_T_base (4, 4) of each setup at x (P,)."""
-        base_mm = predict_points(self.model, x, self.observed)
-        return {str(self.observed.setup[rows[0]]): self._frame(base_mm, rows) for rows in self._setups}
+        return sum(self._frame_basis(points_mm[rows], rows).shape[1] for rows in self._setup_rows)
 
     def _frame(self, base_mm: Array, rows: IndexArray) -> Array:
         if self.frame_known:
@@ -74,7 +51,7 @@ class PositionResiduals(Brief):
     def residual(self, x: Array) -> Array:
         base_mm = predict_points(self.model, x, self.observed)
         out = np.empty(self._whiten.shape[:2])
-        for rows in self._setups:
+        for rows in self._setup_rows:
             error_mm = frames.apply(self._frame(base_mm, rows), base_mm[rows]) - self.observed.points.xyz_mm[rows]
             out[rows] = np.einsum("mij,mj->mi", self._whiten[rows], error_mm)
         return out.ravel()
@@ -84,7 +61,7 @@ class PositionResiduals(Brief):
         points, coordinates = self._whiten.shape[:2]
         residual = np.empty((points, coordinates))
         jacobian = np.empty((points, coordinates, by_x.shape[-1]))
-        for rows in self._setups:
+        for rows in self._setup_rows:
             scanner_T_base = self._frame(base_mm, rows)
             at_mm = frames.apply(scanner_T_base, base_mm[rows])
             error_mm = at_mm - self.observed.points.xyz_mm[rows]
@@ -98,7 +75,7 @@ class PositionResiduals(Brief):
         """Matrices (M, C, 3) that turn a point's change, mm in the base frame, into whitened residual rows."""
         base_mm = predict_points(self.model, x, self.observed)
         out = np.empty_like(self._whiten)
-        for rows in self._setups:
+        for rows in self._setup_rows:
             out[rows] = self._whiten[rows] @ self._frame(base_mm, rows)[:3, :3]
         return out
 
@@ -106,7 +83,7 @@ class PositionResiduals(Brief):
         """Orthonormal basis (C M, `degrees_spent`) of the residual's changes by motions of all scanner frames."""
         base_mm = predict_points(self.model, x, self.observed)
         blocks, coordinates = [], self._whiten.shape[1]
-        for rows in self._setups:
+        for rows in self._setup_rows:
             at_mm = frames.apply(self._frame(base_mm, rows), base_mm[rows])
             basis = self._frame_basis(at_mm, rows)
             block = np.zeros((len(base_mm), coordinates, basis.shape[1]))
