@@ -38,7 +38,13 @@ def test_images_are_fitted_as_full_poses_unless_something_else_is_asked_for():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("on_flange", "seeds"), [(True, (3,)), (False, (15,))], ids=["on the flange", "in the room"])
+@pytest.mark.parametrize(
+    ("on_flange", "seeds"),
+    [
+        pytest.param(True, (3,), id="on the flange"),
+        pytest.param(False, (15,), id="in the room", marks=pytest.mark.thorough),
+    ],
+)
 def test_errors_of_a_lens_found_from_the_images_are_no_missing_effect(on_flange, seeds):
     """Draws in which the error of the lens was named, or the residual said to depend on the place in its field."""
     found = [diagnose(dataset_of(seed, on_flange=on_flange)) for seed in seeds]
@@ -58,7 +64,7 @@ def test_a_joint_that_errs_twice_a_turn_is_named():
     assert np.linalg.norm(of_joint) == pytest.approx(TWICE_A_TURN_RAD, rel=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_marker_poses_of_an_arm_with_link_errors_hide_no_effect(tmp_path, capsys):
     """Their noise is not told: what the arm as delivered leaves, 2 mm, is no measure of it."""
 
