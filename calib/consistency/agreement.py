@@ -123,6 +123,12 @@ def misfit_mm(robot: Robot, sample: Sample, *, tool_is_known: bool = False) -> f
     return _agreement(sample, chain, tool_is_known).misfit_mm
 
 
+def nominal_places(robot: Robot, sample: Sample) -> tuple[float, Array]:
+    """`misfit_mm`, and the points' places (N, 3), mm, in the base frame by the nominal arm with that tool point."""
+    agreed = _agreement(sample, forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first), False)
+    return agreed.misfit_mm, agreed.place_mm
+
+
 def misfit_columns(
     robot: Robot, sample: Sample, entries: Sequence[int], *, tool_is_known: bool = False
 ) -> tuple[Array, Array]:

@@ -35,10 +35,24 @@ _ACTUAL = {"actual", "measured", "meas", "ist", "istposition"}
 _MEASURED = ("measured", "measurement", "measure", "meas", "gemessen", "mess", "laser", "lt", "tracker", "scanner",
              "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesure")  # fmt: skip
 _ACTUAL_POINT = ("actual", "act", "ist")  # of a controller its own, but beside nominal ones
+_MARKER_NAMES = ("marker", "reflector", "reflektor", "smr", "prism", "tag", "ball", "kugel", "aruco", "messpunkt", "cible",
+                 "マーカー", "ターゲット", "标记", "靶球")  # fmt: skip
 _NOMINAL = ("nominal", "nom", "soll", "theoretical", "theo", "名义", "理论")
 _DEVIATIONS = ("deviation", "dev", "abweichung", "delta", "error", "余量")
 _WORDS = "|".join((*_MEASURED, *_ACTUAL_POINT, "point", "punkt", "position", "pos", "coordinate", "coord", "p", "t"))
 _POINT = re.compile(rf"^(?P<before>(?:{_WORDS})*)(?P<axis>[xyz])(?P<after>1?(?:{_WORDS})*)$")
+_NO_MARKER = {"r", "q", "f", "d", "s", "u", "v", "w", "m", "sigma", "std", "ori", "roll", "euler", "quat", "force",
+              "moment", "torque", "vel", "acc", "speed", "cov", "base", "frame", "flange", "nozzle", "rot", "rotation",
+              "orientation", "quaternion", "velocity", "acceleration", "normal", "imu", "gyro", "wrench", "dir",
+              "uncertainty", "cmd", "command", "commanded", "goal", "consigne"}  # fmt: skip
+_MARKER_FORMS = tuple(
+    re.compile(form, re.IGNORECASE)
+    for form in (
+        r"(?P<stem>.*?\w.*?)(?:[\W_]+|(?<=\d)|(?<=[a-z])(?=[XYZ]))(?P<axis>[xyz])(?P<after>)",
+        r"(?P<after>)(?P<axis>[xyz])(?:[\W_]+|(?=\d))(?P<stem>.*\w.*)",
+        r"(?P<stem>.*?\w.*?)[\W_]+(?P<axis>[xyz])[\W_]+(?P<after>.*\w.*)",
+    )
+)
 _OTHERS = {
     "pose": (
         "pose",
@@ -176,7 +190,7 @@ def recognise(
             found[meant.name] = Column(name, meant.name, meant.unit, meant.sign, meant.offset, why)
 
     for pattern, meant in mapping.items():
-        for k, name in enumerate(_matching(names, pattern)):
+        for k, name in enumerate(_matching(names, pattern, robot)):
             unit = meant.unit or split_unit(name)[1]
             take(
                 name,
@@ -213,12 +227,15 @@ def recognise(
     return Recognised(found, rest, tuple(faults))
 
 
-def _matching(names: Sequence[str], pattern: str) -> list[str]:
-    """Names that a pattern of --map matches; those of `prefix*` ordered by their number."""
+def _matching(names: Sequence[str], pattern: str, robot: Robot | None) -> list[str]:
+    """Names that a pattern of --map matches; those of `prefix*` in the order of their numbers or the robot's joints."""
     if "*" not in pattern:
         return [name for name in names if name == pattern]
     ends = re.compile(re.escape(pattern).replace(r"\*", r"(\d+)"))
     numbered = [(int(match[1]), name) for name in names if (match := ends.fullmatch(name))]
+    if not numbered and robot is not None:
+        of_joints = [(re.escape(joint.name).join(map(re.escape, pattern.split("*", 1)))) for joint in robot.joints]
+        return [name for of_joint in of_joints for name in names if re.fullmatch(rf"{of_joint}(?:{_VALUE.pattern})?", name)]
     return [name for _, name in sorted(numbered)]
 
 
@@ -238,6 +255,35 @@ def is_beside_point(name: str) -> bool:
     words, base = words_of(name), plain(split_unit(name)[0])
     of_axis = bool(words & {"x", "y", "z"}) and bool(words & {*_NOMINAL, *_DEVIATIONS})
     return of_axis or re.fullmatch(r"[xyz]\d{1,3}", base) is not None
+
+
+def marker_columns(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+    """Columns x, y, z of each of several markers, such as T1_x ... T2_x ..., or x1 ... x2 ..., by the markers' names.
+
+    {} unless their names differ by numbers or single letters alone, or all have a word for a marker. Nominal points,
+    deviations, turns and the controller's own poses are none.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for name in names:
+        base = split_unit(name)[0].strip()
+        match = next((m for form in _MARKER_FORMS if (m := form.fullmatch(base))), None)
+        stem = "" if match is None else f"{match['stem']} {match['after']}".strip(" _./-")
+        axis = match["axis"].lower() if match is not None else base.lower()
+        if axis in ("x", "y", "z") and not words_of(stem) & {*_NO_MARKER, *_NOMINAL, *_DEVIATIONS, "tcp", "tool0"}:
+            found.setdefault(stem, {}).setdefault(axis, name)
+    whole = {stem: (axes["x"], axes["y"], axes["z"]) for stem, axes in found.items() if len(axes) == 3}
+    kinds: dict[str, dict[str, tuple[str, str, str]]] = {}
+    for stem, columns in whole.items():
+        kinds.setdefault(kind_of_marker(stem), {})[stem or "1"] = columns
+    most = max(kinds.values(), key=len, default={})
+    return most if len(most) > 1 else {}
+
+
+def kind_of_marker(name: str) -> str:
+    """What markers of one kind have in common: a word for them, or their name without its numbers and single letters."""
+    if any(word in plain(name) for word in _MARKER_NAMES):
+        return "marker"
+    return plain(re.sub(r"\d+|(?<![^\W_])[A-Za-z](?![^\W_])", "9", name) or "9")
 
 
 def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
@@ -260,6 +306,8 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
         ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
         if all(len(found) == 1 for found in ends) and min(map(len, wanted)) > 2:
             return [found[0] for found in ends], []
+        if min(map(len, ends)) > 1 and len(set(map(len, ends))) == 1 and min(map(len, wanted)) > 2:
+            return [], [_which_arm([arm for arm in zip(*ends, strict=True)], robot)]
     for series in _SERIES:
         if set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
             return [by_name[name] for name in series], []
@@ -284,11 +332,20 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
     if len(complete) == 1 or len(actual) == 1:
         return (actual or list(complete.values()))[0], []
     if complete:
-        named = " and ".join(f"{columns[0]} ..." for columns in complete.values())
-        return [], [
-            f"found {len(complete)} sets of joint columns, {named}; say which by --map, such as 'actual_q_*=q*'"
-        ]
+        return [], [_which_arm(list(complete.values()), None)]
     return [], []
+
+
+def _which_arm(sets: Sequence[Sequence[str]], robot: Robot | None) -> str:
+    """Fault that tells what to type for each of several sets of joint columns."""
+    typed = []
+    for columns in sets:
+        ends = [joint.name for joint in robot.joints][:1] if robot is not None else re.findall(r"\d+", columns[0])[-1:]
+        before, found, after = columns[0].rpartition(ends[0])
+        pattern = f"{before}*{_VALUE.sub('', after)}"
+        typed.append(f"--map '{pattern}=q*'" if found else f"--map '{columns[0]}=q1' ...")
+    named = " and ".join(f"{columns[0]} ..." for columns in sets)
+    return f"found {len(sets)} sets of joint columns, {named}; say which by {' or '.join(typed)}"
 
 
 def _point_columns(names: Sequence[str]) -> dict[str, str]:
@@ -303,6 +360,9 @@ def _point_columns(names: Sequence[str]) -> dict[str, str]:
             continue
         rank = 0 if any(word in words for word in (*_MEASURED, *_ACTUAL_POINT)) else 1
         found.setdefault((rank, f"{match['before']} {match['after']}"), {}).setdefault(match["axis"], name)
+    if not any(len(axes) == 3 for axes in found.values()):
+        for columns in marker_columns(names).values():
+            return dict(zip(columns, "xyz", strict=True))
     order = sorted(found, key=lambda key: (-len(found[key]), key[0]))
     return {name: axis for key in order[:1] for axis, name in found[key].items()} | (
         {} if not order or len(found[order[0]]) == 3 else {n: a for key in order[1:] for a, n in found[key].items()}

@@ -92,7 +92,10 @@ class UserTable:
 
     def without(self, lines: Collection[int]) -> UserTable:
         """Table without the rows of these lines."""
-        kept = [i for i, line in enumerate(self.lines) if line not in lines]
+        return self.of_rows([i for i, line in enumerate(self.lines) if line not in lines])
+
+    def of_rows(self, kept: Sequence[int]) -> UserTable:
+        """Table with some of its rows."""
         return replace(
             self,
             rows=tuple(self.rows[i] for i in kept),
