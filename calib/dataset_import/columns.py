@@ -93,6 +93,7 @@ _EXACT = re.compile(
 _TURNED = re.compile(
     r"^(?P<sign>-?)(?P<name>q(?:[1-9]\d?|\*))(?:_(?P<unit>deg|rad|mm|m|cm|in))?(?P<offset>[+-]\d{1,4}(?:\.\d{1,6})?)?$"
 )
+_FEW_JOINTS = 2
 BY_NAME, AS_MAPPED, BY_PLACE = "by its name", "as told", "by its place, as there is no header"
 
 
@@ -255,6 +256,16 @@ def is_beside_point(name: str) -> bool:
     words, base = words_of(name), plain(split_unit(name)[0])
     of_axis = bool(words & {"x", "y", "z"}) and bool(words & {*_NOMINAL, *_DEVIATIONS})
     return of_axis or re.fullmatch(r"[xyz]\d{1,3}", base) is not None
+
+
+def are_names(names: Sequence[str], robot: Robot | None = None, mapping: Mapping[str, Meaning] | None = None) -> bool:
+    """Whether texts name the columns of joints or of a point, or a mapping has them."""
+    if any(name in (mapping or {}) for name in names):
+        return True
+    meant = recognise(names, robot, mapping or {})
+    is_point = all(axis in meant.columns for axis in "xyz") or length_column(meant) is not None
+    of_joints = sum(plain(split_unit(name)[0]).endswith("joint") for name in names)
+    return "q1" in meant.columns or bool(meant.faults) or is_point or of_joints > _FEW_JOINTS
 
 
 def marker_columns(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:

@@ -15,7 +15,7 @@ from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
 from calib.dataset_import.camera_views import CameraPoints, settled_camera
-from calib.dataset_import.columns import Column, Meaning, Recognised, length_column
+from calib.dataset_import.columns import Column, Meaning, Recognised, are_names, length_column
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.reading import (
@@ -297,10 +297,17 @@ def _loaded(
             report.fault(found)
 
     try:
-        table = load_table(path, fault, any_encoding=True)
+        table = load_table(
+            path, fault, any_encoding=True, is_names=lambda names: are_names(names, report.robot, sources.mapping)
+        )
     except DatasetError as error:
         report.fault(str(error))
         return None
+    if table.is_turned:
+        report.notes.append(
+            f"{path}: its names stand below each other and each pose is a column: it is turned, and a line that is told "
+            "of it is a column's number"
+        )
     return table.without(lines) if lines else table
 
 

@@ -313,12 +313,18 @@ def _points_of(
             f"{file}: {len(chosen)} points are measured, {visible(', '.join(each.name for each in chosen[:_NAMED]))}; "
             f"one alone by --points '{file}#{chosen[0].name}'"
         )
-    several = len(sources) > 1
-    named = [(each.name if several and each.label else each.source if several else each.label) for each in chosen]
-    return [
-        replace(each, label=f"marker{name}" if name.isdigit() else name.strip("/"))
-        for each, name in zip(chosen, named, strict=True)
-    ]
+    return [replace(each, label=label) for each, label in zip(chosen, _labels(chosen), strict=True)]
+
+
+def _labels(series: Sequence[PointSeries]) -> list[str]:
+    """Short name of each of several points, as a target of the robot."""
+    if len({each.source for each in series}) == 1:
+        names = [each.label for each in series]
+    else:  # what their topics do not share
+        parts = [re.split(r"[/:]", each.name.strip("/")) for each in series]
+        shared = set.intersection(*map(set, parts))
+        names = ["/".join(part for part in of_one if part not in shared) for of_one in parts]
+    return [f"marker{name}" if name.isdigit() else name for name in names]
 
 
 def _kept(file: Path, seen: PointSeries, notes: list[str]) -> PointSeries:
