@@ -14,12 +14,12 @@ from calib.text_files.user_table import MOST_CHARACTERS, plain, split_unit
 LENGTHS = ("mm", "m", "cm", "in", "um")
 
 _JOINT = re.compile(
-    r"(?P<set>.*?(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse|rax|mp|actuator|关节|轴))"
-    r"[^\w]*_?(?P<number>\d+)(?P<end>\D*)",
+    r"(?P<set>.*?(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse|rax|mp|actuator|articulation|articulación|giunto|juntas?|关节|轴|関節|軸|第))"
+    r"[^\w]*_?(?P<number>\d+)(?P<end>\D*)|(?P<first>\d+)\s*(?:軸|轴|关节|関節|节)\D*",
     re.IGNORECASE,
 )
 _ENDS = {"", "actual", "act", "ist", "measured", "meas", "position", "pos", "positions", "angle", "value", "feedback",
-         "fb", "state", "轴", "角度"}  # fmt: skip
+         "fb", "state", "轴", "軸", "角度", "关节", "関節", "轴角度", "軸角度", "关节角度", "関節角度", "角", "winkel", "grad"}  # fmt: skip
 _SERIES = (  # joints that some makers name and do not number
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
@@ -33,18 +33,22 @@ NOT_POSITIONS = {"target", "desired", "command", "commanded", "cmd", "reference"
 _SET_VALUES = ("soll", "strom")  # beginnings of German words for them
 _ACTUAL = {"actual", "measured", "meas", "ist", "istposition"}
 _MEASURED = ("measured", "measurement", "measure", "meas", "gemessen", "mess", "laser", "lt", "tracker", "scanner",
-             "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesure")  # fmt: skip
+             "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesurée", "mesure", "misurato", "medido", "測定値", "測定", "計測値", "計測",
+             "实测值", "测量值", "gemessene", "istwert")  # fmt: skip
 _ACTUAL_POINT = ("actual", "act", "ist")  # of a controller its own, but beside nominal ones
 _MARKER_NAMES = ("marker", "reflector", "reflektor", "smr", "prism", "tag", "ball", "kugel", "aruco", "messpunkt", "cible",
                  "マーカー", "ターゲット", "标记", "靶球")  # fmt: skip
 _NOMINAL = ("nominal", "nom", "soll", "theoretical", "theo", "名义", "理论")
 _DEVIATIONS = ("deviation", "dev", "abweichung", "delta", "error", "余量")
-_WORDS = "|".join((*_MEASURED, *_ACTUAL_POINT, "point", "punkt", "position", "pos", "coordinate", "coord", "p", "t"))
+_WORDS = "|".join((*_MEASURED, *_ACTUAL_POINT, "point", "punkt", "position", "pos", "coordinate", "coord", "koordinate", "coordonnée",
+                   "座標", "坐标", "p", "t"))
 _POINT = re.compile(rf"^(?P<before>(?:{_WORDS})*)(?P<axis>[xyz])(?P<after>1?(?:{_WORDS})*)$")
 _NO_MARKER = {"r", "q", "f", "d", "s", "u", "v", "w", "m", "sigma", "std", "ori", "roll", "euler", "quat", "force",
               "moment", "torque", "vel", "acc", "speed", "cov", "base", "frame", "flange", "nozzle", "rot", "rotation",
               "orientation", "quaternion", "velocity", "acceleration", "normal", "imu", "gyro", "wrench", "dir",
-              "uncertainty", "cmd", "command", "commanded", "goal", "consigne"}  # fmt: skip
+              "uncertainty", "cmd", "command", "commanded", "goal", "consigne", "tcp", "tool0", "robot", "controller",
+              "steuerung", "ee", "eef", "effector", "fk", "odom", "cartesian", "calculated", "berechnet", "desired",
+              "setpoint", "reference", "sollwert", "指令", "目標"}  # fmt: skip
 _MARKER_FORMS = tuple(
     re.compile(form, re.IGNORECASE)
     for form in (
@@ -73,6 +77,15 @@ _OTHERS = {
         "messpunkt",
         "punktname",
         "punktnr",
+        "repère",
+        "pointno",
+        "pointnr",
+        "测点",
+        "点号",
+        "測定点",
+        "測点",
+        "番号",
+        "序号",
     ),
     "role": ("role", "set", "split"),
     "target": ("target", "reflector", "smr", "marker"),
@@ -268,11 +281,10 @@ def are_names(names: Sequence[str], robot: Robot | None = None, mapping: Mapping
     return "q1" in meant.columns or bool(meant.faults) or is_point or of_joints > _FEW_JOINTS
 
 
-def marker_columns(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
-    """Columns x, y, z of each of several markers, such as T1_x ... T2_x ..., or x1 ... x2 ..., by the markers' names.
+def point_groups(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+    """Columns x, y, z of each point, by what stands beside the axis in their names.
 
-    {} unless their names differ by numbers or single letters alone, or all have a word for a marker. Nominal points,
-    deviations, turns and the controller's own poses are none.
+    Nominal points, deviations, turns and the controller's own poses are none.
     """
     found: dict[str, dict[str, str]] = {}
     for name in names:
@@ -280,11 +292,18 @@ def marker_columns(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
         match = next((m for form in _MARKER_FORMS if (m := form.fullmatch(base))), None)
         stem = "" if match is None else f"{match['stem']} {match['after']}".strip(" _./-")
         axis = match["axis"].lower() if match is not None else base.lower()
-        if axis in ("x", "y", "z") and not words_of(stem) & {*_NO_MARKER, *_NOMINAL, *_DEVIATIONS, "tcp", "tool0"}:
+        if axis in ("x", "y", "z") and not words_of(stem) & {*_NO_MARKER, *_NOMINAL, *_DEVIATIONS}:
             found.setdefault(stem, {}).setdefault(axis, name)
-    whole = {stem: (axes["x"], axes["y"], axes["z"]) for stem, axes in found.items() if len(axes) == 3}
+    return {stem: (axes["x"], axes["y"], axes["z"]) for stem, axes in found.items() if len(axes) == 3}
+
+
+def marker_columns(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+    """Columns x, y, z of each of several markers, such as T1_x ... T2_x ..., or x1 ... x2 ..., by the markers' names.
+
+    {} unless their names differ by numbers or single letters alone, or all have a word for a marker.
+    """
     kinds: dict[str, dict[str, tuple[str, str, str]]] = {}
-    for stem, columns in whole.items():
+    for stem, columns in point_groups(names).items():
         kinds.setdefault(kind_of_marker(stem), {})[stem or "1"] = columns
     most = max(kinds.values(), key=len, default={})
     return most if len(most) > 1 else {}
@@ -328,7 +347,9 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
     sets: dict[str, dict[int, str]] = {}
     for name in names:
         match = _JOINT.fullmatch(split_unit(name)[0].strip())
-        if match and plain(match["end"]) in _ENDS:
+        if match and match["first"]:
+            sets.setdefault("first", {})[int(match["first"])] = name
+        elif match and plain(match["end"]) in _ENDS:
             key = f"{plain(match['set'])} {plain(match['end'])}"
             sets.setdefault(key, {})[int(match["number"])] = name
     complete = {
@@ -372,7 +393,8 @@ def _point_columns(names: Sequence[str]) -> dict[str, str]:
         rank = 0 if any(word in words for word in (*_MEASURED, *_ACTUAL_POINT)) else 1
         found.setdefault((rank, f"{match['before']} {match['after']}"), {}).setdefault(match["axis"], name)
     if not any(len(axes) == 3 for axes in found.values()):
-        for columns in marker_columns(names).values():
+        groups = point_groups(names)
+        for columns in (groups if len(groups) == 1 else marker_columns(names)).values():
             return dict(zip(columns, "xyz", strict=True))
     order = sorted(found, key=lambda key: (-len(found[key]), key[0]))
     return {name: axis for key in order[:1] for axis, name in found[key].items()} | (

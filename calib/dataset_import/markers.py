@@ -17,6 +17,7 @@ from calib.array_types import Array
 from calib.consistency.agreement import Sample, nominal_places
 from calib.dataset_import.columns import AS_MAPPED, Column, Recognised, marker_columns
 from calib.dataset_import.reading import ImportReport
+from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import visible
 from calib.frames import apply, best_fit_transform, invert
 from calib.kinematics.chain import forward
@@ -52,17 +53,20 @@ def in_rows(
 
     poses  # name of each row's pose
     """  # fmt: skip
-    units = {unit for columns in markers.values() for name in columns for unit in (split_unit(name)[1],) if unit}
-    if len(units) > 1:
-        report.fault(f"{table.path}: line 1: its markers have different units, {' and '.join(sorted(units))}")
-    unit = units.pop() if units else ""
-    markers = {f"marker{label}" if label.isdigit() else label: columns for label, columns in markers.items()}
+    units = {label: {split_unit(name)[1] for name in columns} for label, columns in markers.items()}
+    is_mixed = len(set.union(*units.values())) > 1
+    if is_mixed and any(len(each) > 1 or not each <= LENGTHS_MM.keys() for each in units.values()):
+        report.fault(f"{table.path}: line 1: not all of its markers' columns have a unit; name it for all or for none")
+        is_mixed = False
+    unit = "mm" if is_mixed else next(iter(set.union(*units.values())))
     rows, lines = [], []
     for i, pose in enumerate(poses):
         for label, columns in markers.items():
             cells = tuple(table.rows[i][table.columns.index(name)] for name in columns)
+            if is_mixed:
+                cells = tuple(_in_mm(cell, LENGTHS_MM[next(iter(units[label]))]) for cell in cells)
             if any(cells):
-                rows.append((pose, label, *cells))
+                rows.append((pose, f"marker{label}" if label.isdigit() else label, *cells))
                 lines.append(table.lines[i])
     report.notes.append(f"{table.path}: {len(markers)} markers are in a row: {visible(', '.join(markers))}")
     names = ("pose", "target", *(f"{axis} [{unit}]" if unit else axis for axis in "xyz"))
@@ -71,6 +75,11 @@ def in_rows(
     path = table.path.with_name(f"{table.path.name} (points)")
     made = UserTable(path, names, tuple(rows), tuple(lines), has_header=True)
     return made, Recognised(columns, (), ())
+
+
+def _in_mm(cell: str, unit_mm: float) -> str:
+    value = as_number(cell)
+    return cell if value is None else repr(unit_mm * value)
 
 
 def with_tool_named(report: ImportReport, table: UserTable, meant: Recognised, robot: Robot) -> UserTable:

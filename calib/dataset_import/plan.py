@@ -13,7 +13,7 @@ from calib.camera.flange_poses import has_flange_poses
 from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
-from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
+from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows, without_remarks
 from calib.dataset_import.camera_views import CameraPoints, settled_camera
 from calib.dataset_import.columns import Column, Meaning, Recognised, are_names, length_column
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
@@ -308,6 +308,8 @@ def _loaded(
             f"{path}: its names stand below each other and each pose is a column: it is turned, and a line that is told "
             "of it is a column's number"
         )
+    table, remarks = without_remarks(table)
+    report.notes += [remarks] if remarks else []
     return table.without(lines) if lines else table
 
 

@@ -22,10 +22,14 @@ UNITS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radian": "rad", "radians": "rad",
     "mm": "mm", "m": "m", "meter": "m", "metre": "m", "meters": "m", "cm": "cm", "in": "in", "inch": "in", "um": "um",
     "kg": "kg", "s": "s", "sec": "s", "c": "c", "°c": "c", "degc": "c",
+    "grad": "deg", "degré": "deg", "degrés": "deg", "degre": "deg", "degres": "deg", "gradi": "deg", "grados": "deg",
+    "度": "deg", "radiant": "rad", "弧度": "rad", "ラジアン": "rad", "millimeter": "mm", "millimeters": "mm",
+    "millimetre": "mm", "millimetres": "mm", "millimètres": "mm", "毫米": "mm", "ミリ": "mm", "inches": "in", "zoll": "in",
+    "pouce": "in", "pouces": "in", "インチ": "in", "µm": "um", "μm": "um", "mètre": "m", "mètres": "m", "米": "m",
 }  # fmt: skip
 """Spellings of units, and the name of each unit in this program."""
 MOST_CHARACTERS = 200  # of a column name that is parsed
-_UNIT = re.compile(r"^(?P<name>.*?)(?:[\s_]*[\[(]\s*(?P<bracket>[^\])]+?)\s*[\])]|[\s_.]+(?P<end>[^\s_.\d]+))$")
+_UNIT = re.compile(r"^(?P<name>.*?)(?:[\s_]*[\[(（【]\s*(?P<bracket>[^\])）】]+?)\s*[\])）】]|[\s_.]+(?P<end>[^\s_.\d]+))$")
 
 
 Naming = Callable[[Sequence[str]], bool]
@@ -104,7 +108,7 @@ class UserTable:
         """Table without the rows of these lines."""
         return self.of_rows([i for i, line in enumerate(self.lines) if line not in lines])
 
-    def of_rows(self, kept: Sequence[int]) -> UserTable:
+    def of_rows(self, kept: Collection[int]) -> UserTable:
         """Table with some of its rows."""
         return replace(
             self,
