@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.consistency.agreement import Sample, nominal_places
+from calib.consistency.agreement import Sample, misfit_mm, nominal_places
 from calib.dataset_import.columns import AS_MAPPED, Column, Recognised, marker_columns
 from calib.dataset_import.reading import ImportReport
 from calib.dataset_import.units import LENGTHS_MM
@@ -179,7 +179,7 @@ def with_targets(
         scatter, place, joint = _on_link(robot, q[row[rows]], in_base)
         if scatter > max(_FIXED * misfit, _FIXED_MM):
             dropped[name] = f"is fixed to no link of this arm (it scatters by {scatter:.3g} mm at best)"
-        elif scatter < _COMPUTED_MM < misfit:
+        elif misfit > _COMPUTED_MM > misfit_mm(robot, Sample(q[row[rows]], xyz_mm[rows], groups[row[rows]])):
             dropped[name] = "is computed from the joints and not measured"
         else:
             tolerance_mm = max(_LEAST_TOLERANCE_MM, 2.0 * scatter, 2.0 * misfit)
