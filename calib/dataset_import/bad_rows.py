@@ -18,8 +18,8 @@ _DETAILED = 30  # rows of a table whose fault a note names; of further ones it n
 
 _SUMMARIES = {"mean", "average", "avg", "mittelwert", "mittel", "durchschnitt", "moyenne", "media", "promedio", "平均",
               "平均値", "平均值", "std", "stdev", "stddev", "stdabw", "standardabweichung", "standarddeviation",
-              "écarttype", "ecarttype", "標準偏差", "标准差", "min", "max", "minimum", "maximum", "最大", "最小", "最大値", "最小値",
-              "rms", "range", "spannweite", "sum", "summe", "total", "median"}  # fmt: skip
+              "écarttype", "ecarttype", "標準偏差", "标准差", "min", "max", "minimum", "maximum", "最大", "最小",
+              "最大値", "最小値", "rms", "range", "spannweite", "sum", "summe", "total", "median"}  # fmt: skip
 
 
 def without_remarks(table: UserTable) -> tuple[UserTable, str]:
@@ -32,7 +32,9 @@ def without_remarks(table: UserTable) -> tuple[UserTable, str]:
         return table, ""
     shown = ", ".join(f"{next(c for c in row if c)[:40]!r}" for row in table.rows[end : end + _SHOWN])
     where = "columns" if table.is_turned else "lines"
-    note = f"{table.path}: remarks and summaries below the poses are left out, {where} {left_out[0]} to {left_out[-1]}: "
+    note = (
+        f"{table.path}: remarks and summaries below the poses are left out, {where} {left_out[0]} to {left_out[-1]}: "
+    )
     return table.of_rows(range(end)), visible(note + shown)
 
 

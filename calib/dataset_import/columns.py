@@ -19,7 +19,8 @@ _JOINT = re.compile(
     re.IGNORECASE,
 )
 _ENDS = {"", "actual", "act", "ist", "measured", "meas", "position", "pos", "positions", "angle", "value", "feedback",
-         "fb", "state", "轴", "軸", "角度", "关节", "関節", "轴角度", "軸角度", "关节角度", "関節角度", "角", "winkel", "grad"}  # fmt: skip
+         "fb", "state", "轴", "軸", "角度", "关节", "関節", "轴角度", "軸角度",
+         "关节角度", "関節角度", "角", "winkel", "grad"}  # fmt: skip
 _SERIES = (  # joints that some makers name and do not number
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
@@ -33,15 +34,31 @@ NOT_POSITIONS = {"target", "desired", "command", "commanded", "cmd", "reference"
 _SET_VALUES = ("soll", "strom")  # beginnings of German words for them
 _ACTUAL = {"actual", "measured", "meas", "ist", "istposition"}
 _MEASURED = ("measured", "measurement", "measure", "meas", "gemessen", "mess", "laser", "lt", "tracker", "scanner",
-             "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesurée", "mesure", "misurato", "medido", "測定値", "測定", "計測値", "計測",
-             "实测值", "测量值", "gemessene", "istwert")  # fmt: skip
+             "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesurée", "mesure", "misurato", "medido",
+             "測定値", "測定", "計測値", "計測", "实测值", "测量值", "gemessene", "istwert")  # fmt: skip
 _ACTUAL_POINT = ("actual", "act", "ist")  # of a controller its own, but beside nominal ones
-_MARKER_NAMES = ("marker", "reflector", "reflektor", "smr", "prism", "tag", "ball", "kugel", "aruco", "messpunkt", "cible",
-                 "マーカー", "ターゲット", "标记", "靶球")  # fmt: skip
+_MARKER_NAMES = ("marker", "reflector", "reflektor", "smr", "prism", "tag", "ball", "kugel", "aruco", "messpunkt",
+                 "cible", "マーカー", "ターゲット", "标记", "靶球")  # fmt: skip
 _NOMINAL = ("nominal", "nom", "soll", "theoretical", "theo", "名义", "理论")
 _DEVIATIONS = ("deviation", "dev", "abweichung", "delta", "error", "余量")
-_WORDS = "|".join((*_MEASURED, *_ACTUAL_POINT, "point", "punkt", "position", "pos", "coordinate", "coord", "koordinate", "coordonnée",
-                   "座標", "坐标", "p", "t"))
+_WORDS = "|".join(
+    (
+        *_MEASURED,
+        *_ACTUAL_POINT,
+        "point",
+        "punkt",
+        "position",
+        "pos",
+        "coordinate",
+        "coord",
+        "koordinate",
+        "coordonnée",
+        "座標",
+        "坐标",
+        "p",
+        "t",
+    )
+)
 _POINT = re.compile(rf"^(?P<before>(?:{_WORDS})*)(?P<axis>[xyz])(?P<after>1?(?:{_WORDS})*)$")
 _NO_MARKER = {"r", "q", "f", "d", "s", "u", "v", "w", "m", "sigma", "std", "ori", "roll", "euler", "quat", "force",
               "moment", "torque", "vel", "acc", "speed", "cov", "base", "frame", "flange", "nozzle", "rot", "rotation",
@@ -249,7 +266,9 @@ def _matching(names: Sequence[str], pattern: str, robot: Robot | None) -> list[s
     numbered = [(int(match[1]), name) for name in names if (match := ends.fullmatch(name))]
     if not numbered and robot is not None:
         of_joints = [(re.escape(joint.name).join(map(re.escape, pattern.split("*", 1)))) for joint in robot.joints]
-        return [name for of_joint in of_joints for name in names if re.fullmatch(rf"{of_joint}(?:{_VALUE.pattern})?", name)]
+        return [
+            name for of_joint in of_joints for name in names if re.fullmatch(rf"{of_joint}(?:{_VALUE.pattern})?", name)
+        ]
     return [name for _, name in sorted(numbered)]
 
 
@@ -310,8 +329,8 @@ def marker_columns(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
 
 
 def kind_of_marker(name: str) -> str:
-    """What markers of one kind have in common: a word for them, or their name without its numbers and single letters."""
-    if any(word in plain(name) for word in _MARKER_NAMES):
+    """What markers of one kind have in common: a word for them, or their name without numbers and single letters."""
+    if any(word.startswith(_MARKER_NAMES) for word in words_of(name)):
         return "marker"
     return plain(re.sub(r"\d+|(?<![^\W_])[A-Za-z](?![^\W_])", "9", name) or "9")
 
@@ -337,7 +356,7 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
         if all(len(found) == 1 for found in ends) and min(map(len, wanted)) > 2:
             return [found[0] for found in ends], []
         if min(map(len, ends)) > 1 and len(set(map(len, ends))) == 1 and min(map(len, wanted)) > 2:
-            return [], [_which_arm([arm for arm in zip(*ends, strict=True)], robot)]
+            return [], [_which_arm(list(zip(*ends, strict=True)), robot)]
     for series in _SERIES:
         if set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
             return [by_name[name] for name in series], []

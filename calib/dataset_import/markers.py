@@ -6,7 +6,6 @@ places on the arm where the nominal arm has them.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -46,7 +45,9 @@ def beside_each_other(meant: Recognised, names: Sequence[str]) -> dict[str, tupl
 
 
 def in_rows(
-    report: ImportReport, table: UserTable, meant: Recognised, markers: dict[str, tuple[str, str, str]],
+    report: ImportReport,
+    table: UserTable,
+    markers: dict[str, tuple[str, str, str]],
     poses: Sequence[str],
 ) -> tuple[UserTable, Recognised]:
     """Table with a row for each marker of a pose in place of columns, and its recognised columns.
@@ -70,11 +71,11 @@ def in_rows(
                 lines.append(table.lines[i])
     report.notes.append(f"{table.path}: {len(markers)} markers are in a row: {visible(', '.join(markers))}")
     names = ("pose", "target", *(f"{axis} [{unit}]" if unit else axis for axis in "xyz"))
-    columns = {"pose": Column("pose", "pose"), "target": Column("target", "target")}
-    columns |= {axis: Column(name, axis, unit) for axis, name in zip("xyz", names[2:], strict=True)}
+    meant = {"pose": Column("pose", "pose"), "target": Column("target", "target")}
+    meant |= {axis: Column(name, axis, unit) for axis, name in zip("xyz", names[2:], strict=True)}
     path = table.path.with_name(f"{table.path.name} (points)")
     made = UserTable(path, names, tuple(rows), tuple(lines), has_header=True)
-    return made, Recognised(columns, (), ())
+    return made, Recognised(meant, (), ())
 
 
 def _in_mm(cell: str, unit_mm: float) -> str:
@@ -110,7 +111,9 @@ def with_tool_named(report: ImportReport, table: UserTable, meant: Recognised, r
             new[name] = main
     same = [name for name in new if new[name] != name]
     if same:
-        report.notes.append(f"{table.path}: {visible(', '.join(same))} are at the place of {visible(main)}: repeats of it")
+        report.notes.append(
+            f"{table.path}: {visible(', '.join(same))} are at the place of {visible(main)}: repeats of it"
+        )
     if not set(counts) & known:
         others = list(dict.fromkeys(name for name in new.values() if name != main))
         report.notes.append(
@@ -127,8 +130,14 @@ def with_tool_named(report: ImportReport, table: UserTable, meant: Recognised, r
 
 
 def with_targets(
-    report: ImportReport, robot: Robot, table: UserTable, meant: Recognised, row_of: Sequence[int], q: Array,
-    xyz_mm: Array, station: Sequence[str],
+    report: ImportReport,
+    robot: Robot,
+    table: UserTable,
+    meant: Recognised,
+    row_of: Sequence[int],
+    q: Array,
+    xyz_mm: Array,
+    station: Sequence[str],
 ) -> tuple[Robot, list[int]]:
     """Robot with the targets that a table names and it does not have, and the rows of the table that are kept.
 
@@ -155,8 +164,9 @@ def with_targets(
     rows = np.flatnonzero(usable & (names == main))
     if len(rows) < _FEWEST:
         report.fault(
-            f"{table.path}: {main!r} was measured at {len(rows)} poses, too few to find where {visible(', '.join(missing))} "
-            f"are on the arm; add [[targets]] with their names and xyz_mm to a robot.toml, or leave out their rows"
+            f"{table.path}: {main!r} was measured at {len(rows)} poses, too few to find where "
+            f"{visible(', '.join(missing))} are on the arm; add [[targets]] with their "
+            "names and xyz_mm to a robot.toml, or leave out their rows"
         )
         return robot, everything
     q = robot.joints_of(q)
@@ -192,7 +202,9 @@ def with_targets(
             f"{t.joint or robot.n_joints}"
             for t in found[:_NAMED]
         )
-        report.notes.append(f"{table.path}: places of targets by the nominal arm, from which the fit moves them: {told}")
+        report.notes.append(
+            f"{table.path}: places of targets by the nominal arm, from which the fit moves them: {told}"
+        )
     if main == TOOL_POINT:
         _, tool_mm, _ = _on_link(robot, sample.q, base_mm, last=True)
         off_mm = float(np.linalg.norm(tool_mm - tool_point_of(robot)))
@@ -229,4 +241,3 @@ def _places(table: UserTable, meant: Recognised) -> Array:
 def _spread(xyz: Array) -> float:
     known = xyz[np.isfinite(xyz).all(axis=1)]
     return float(np.sqrt(np.mean(np.sum((known - np.median(known, axis=0)) ** 2, axis=1)))) if len(known) else 0.0
-

@@ -13,7 +13,13 @@ from calib.camera.flange_poses import has_flange_poses
 from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
-from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows, without_remarks
+from calib.dataset_import.bad_rows import (
+    NOTHING_LEFT_OUT,
+    LeftOutRows,
+    left_out_rows,
+    too_many_bad_rows,
+    without_remarks,
+)
 from calib.dataset_import.camera_views import CameraPoints, settled_camera
 from calib.dataset_import.columns import Column, Meaning, Recognised, are_names, length_column
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
@@ -258,7 +264,7 @@ def _with_named_targets(
     other: UserTable | None,
     of_points: Recognised,
 ) -> tuple[Recognised, UserTable | None, Recognised]:
-    """Columns of the joints' table, table of points with a row for each marker, the tool's named "jig", and its columns.
+    """Columns of the joints' table; table of points with a row for each marker, the tool's named "jig"; its columns.
 
     Markers in the rows of the joints are no further columns of these.
     """
@@ -271,7 +277,7 @@ def _with_named_targets(
         if -1 in rows or len(rows) != len(points):
             return meant, other, of_points
         of_markers = {name for each in markers.values() for name in each}
-        other, of_points = in_rows(report, points, of_points, markers, [ids[row] for row in rows])
+        other, of_points = in_rows(report, points, markers, [ids[row] for row in rows])
         if points is table:
             meant = replace(meant, rest=tuple(name for name in meant.rest if name not in of_markers))
             columns[table.path] = (table, meant)
@@ -305,8 +311,8 @@ def _loaded(
         return None
     if table.is_turned:
         report.notes.append(
-            f"{path}: its names stand below each other and each pose is a column: it is turned, and a line that is told "
-            "of it is a column's number"
+            f"{path}: its names stand below each other and each pose is a column: it is turned, and a line "
+            "that is told of it is a column's number"
         )
     table, remarks = without_remarks(table)
     report.notes += [remarks] if remarks else []

@@ -89,9 +89,10 @@ def recognised(
         if by_place is None and not joints and len(of_numbers) == 3 < len(table.columns):
             by_place = dict(zip(of_numbers, "xyz", strict=True))
             report.notes.append(f"{table.path}: has no header; its columns of numbers are taken for x, y, z")
-    first = table.columns[0]
-    if table.has_header and first == "column 1" and len(set(table.text(first))) == len(table) and all(table.text(first)):
-        by_place = {first: "pose"}
+    unnamed = table.columns[0]
+    if table.has_header and unnamed == "column 1":
+        cells = table.text(unnamed)
+        by_place = {unnamed: "pose"} if all(cells) and len(set(cells)) == len(cells) else None
     found = recognise(table.columns, robot, mapping, by_place)
     for words in found.faults:
         report.fault(f"{table.path}: line 1: {words}")

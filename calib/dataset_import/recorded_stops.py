@@ -31,7 +31,7 @@ from calib.recordings.means import Means, means_of
 from calib.recordings.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows, recording_file
 from calib.recordings.standstill import LEAST_S, Phase, Standstill, approach_of, standstill_of, trimmed
 from calib.text_files.records import table_file
-from calib.text_files.user_table import UserTable, plain, split_unit
+from calib.text_files.user_table import UserTable, split_unit
 
 _ONE_CLOCK_S = 10.0  # at most, by which clocks differ within one file
 _MARGIN_S = 0.1  # at both ends of a phase, in which points are not used

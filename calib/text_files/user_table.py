@@ -24,12 +24,16 @@ UNITS = {
     "kg": "kg", "s": "s", "sec": "s", "c": "c", "°c": "c", "degc": "c",
     "grad": "deg", "degré": "deg", "degrés": "deg", "degre": "deg", "degres": "deg", "gradi": "deg", "grados": "deg",
     "度": "deg", "radiant": "rad", "弧度": "rad", "ラジアン": "rad", "millimeter": "mm", "millimeters": "mm",
-    "millimetre": "mm", "millimetres": "mm", "millimètres": "mm", "毫米": "mm", "ミリ": "mm", "inches": "in", "zoll": "in",
-    "pouce": "in", "pouces": "in", "インチ": "in", "µm": "um", "μm": "um", "mètre": "m", "mètres": "m", "米": "m",
+    "millimetre": "mm", "millimetres": "mm", "millimètres": "mm", "毫米": "mm", "ミリ": "mm", "inches": "in",
+    "zoll": "in", "pouce": "in", "pouces": "in", "インチ": "in", "µm": "um", "μm": "um", "mètre": "m", "mètres": "m",
+    "米": "m",
 }  # fmt: skip
 """Spellings of units, and the name of each unit in this program."""
 MOST_CHARACTERS = 200  # of a column name that is parsed
-_UNIT = re.compile(r"^(?P<name>.*?)(?:[\s_]*[\[(（【]\s*(?P<bracket>[^\])）】]+?)\s*[\])）】]|[\s_.]+(?P<end>[^\s_.\d]+))$")
+_UNIT = re.compile(
+    r"^(?P<name>.*?)(?:[\s_]*[\[(\uff08\u3010]\s*(?P<bracket>[^\])\uff09\u3011]+?)\s*[\])\uff09\u3011]"
+    r"|[\s_.]+(?P<end>[^\s_.\d]+))$"
+)
 
 
 Naming = Callable[[Sequence[str]], bool]
@@ -144,7 +148,8 @@ def load_table(
     table whose names stand below each other, a column a pose, is turned.
     """
     if is_records(path):
-        return _table_of(path, [(k + 1, row) for k, row in enumerate(read_records(path)) if any(row)], fault, is_names=is_names)
+        rows = [(k + 1, row) for k, row in enumerate(read_records(path)) if any(row)]
+        return _table_of(path, rows, fault, is_names=is_names)
     return parse_table(
         path,
         read_text(
