@@ -120,7 +120,7 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     notes += [] if is_same else of_points.notes
     seen = [_kept(other, each, notes) for each in _points_of(other, of_points, wanted, robot, notes, doubts)]
     q = _q(robot, series, columns)
-    clock = _clock(robot, (series, q, rest), (seen[0], other), is_same, notes, doubts)
+    seen, clock = _of_this_arm(robot, (series, q, rest), seen, other, is_same, notes, doubts)
     means = [_point_means(each, series.time_s, rest, clock) for each in seen]
     kept = ~np.isnan(means[0].mean[:, 0])
     for further in means[1:]:
@@ -442,6 +442,31 @@ def _clock(
             f"{names[1]}: its clock drifts against the joints' by {clock.drift * 1e6:.0f} ppm; the mean offset is taken"
         )
     return clock
+
+
+def _of_this_arm(
+    robot: Robot,
+    joints: tuple[JointSeries, Array, Standstill],
+    seen: list[PointSeries],
+    other: Path,
+    is_same: bool,
+    notes: list[str],
+    doubts: list[str],
+) -> tuple[list[PointSeries], ClockOffset]:
+    """Points from the first on that moves as the arm does, and its clock's offset. Raises RecordingError for none."""
+    first_error: RecordingError | None = None
+    for k, each in enumerate(seen):
+        try:
+            clock = _clock(robot, joints, (each, other), is_same, notes, doubts)
+        except RecordingError as error:
+            first_error = first_error or error
+            continue
+        if k:
+            left_out = ", ".join(point.name for point in seen[:k])
+            notes.append(f"{other}: points that do not move as this arm does are left out: {visible(left_out)}")
+        return seen[k:], clock
+    assert first_error is not None
+    raise first_error
 
 
 # ---- means -----------------------------------------------------------------------------------------------------------
