@@ -137,7 +137,8 @@ def read_table_log(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> 
     others = tuple(name for name in log.columns if name not in named)
     joints = _joints(log, time_s, robot, mapping)
     points = _points(log, time_s, mapping, set() if joints is None else set(joints.names))
-    used = {*named, *(() if joints is None else joints.names)}
+    of_joints = set() if joints is None else set(joints.names)
+    used = {*named, *of_joints, *(name for triple in _triples(log, mapping, of_joints).values() for name in triple)}
     is_normalised = joints is not None and any(name.startswith(_STATE) for name in joints.names)
     return Recording(
         () if joints is None else (joints,), points, tuple(n for n in others if n not in used), tuple(notes),
