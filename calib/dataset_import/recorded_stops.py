@@ -313,8 +313,8 @@ def _points_of(
             f"{file}: {len(chosen)} points are measured, {visible(', '.join(each.name for each in chosen[:_NAMED]))}; "
             f"one alone by --points '{file}#{chosen[0].name}'"
         )
-    named = zip(chosen, _labels(chosen), strict=True)
-    return [replace(each, source="" if len(sources) > 1 else each.source, label=label) for each, label in named]
+    labelled = zip(chosen, _labels(chosen), strict=True)
+    return [replace(each, source="" if len(sources) > 1 else each.source, label=label) for each, label in labelled]
 
 
 def _labels(series: Sequence[PointSeries]) -> list[str]:
