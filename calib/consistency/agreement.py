@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, Points
 from calib.fitting.scanner_frame import frame_motion, orthonormal
 from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import Chain, forward, point_jacobian
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import TOOL_POINT, Robot
 
 LEAST_POSES = 16  # nine numbers are fitted; fewer poses agree with almost any arm
 _MOST_POSES = 150  # more poses give the same result
@@ -71,12 +71,17 @@ def thinned(rows: IndexArray) -> IndexArray:
     return rows[np.linspace(0, len(rows) - 1, _MOST_POSES).astype(int)]
 
 
+def main_target(points: Points) -> str:
+    """Name of the most often measured target; the tool's point, jig, before others that were measured as often."""
+    names, counts = np.unique(points.target, return_counts=True)
+    return str(max(zip(counts, names == TOOL_POINT, names, strict=True))[2])
+
+
 def points_of_poses(dataset: Dataset) -> tuple[IndexArray, Array]:
     """Indices (K,) of the poses with the most often measured target, and its first point (K, 3), mm, at each."""
     assert dataset.points is not None
     points = dataset.points
-    names, counts = np.unique(points.target, return_counts=True)
-    rows = np.flatnonzero(points.target == names[np.argmax(counts)])
+    rows = np.flatnonzero(points.target == main_target(points))
     poses, first = np.unique(points.pose[rows], return_index=True)
     return poses, points.xyz_mm[rows[first]]
 
@@ -121,6 +126,12 @@ def misfit_mm(robot: Robot, sample: Sample, *, tool_is_known: bool = False) -> f
     """
     chain = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first)
     return _agreement(sample, chain, tool_is_known).misfit_mm
+
+
+def nominal_places(robot: Robot, sample: Sample) -> tuple[float, Array]:
+    """`misfit_mm`, and the points' places (N, 3), mm, in the base frame by the nominal arm with that tool point."""
+    agreed = _agreement(sample, forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first), False)
+    return agreed.misfit_mm, agreed.place_mm
 
 
 def misfit_columns(

@@ -12,7 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.calibration.result import Calibration
-from calib.consistency.agreement import Sample, misfit_columns, misfit_mm, training_sample, with_entries_fitted
+from calib.consistency.agreement import (
+    Sample,
+    main_target,
+    misfit_columns,
+    misfit_mm,
+    training_sample,
+    with_entries_fitted,
+)
+from calib.kinematics.robot import PARAMETER_KINDS, TOOL_POINT
+from calib.kinematics.tool_point import ending_at_tool_point
 
 MOST_LEFT = 0.5  # of the error, that an entry which explains most of it leaves: three quarters of its square
 _AS_GOOD = 1.25  # times what the best entry leaves, up to which another may be it as well
@@ -50,7 +59,9 @@ def leading_entry(calibration: Calibration) -> LeadingEntry | None:
     sample = None if dataset.points.lengths is not None else training_sample(calibration.fitted_dataset)
     if sample is None or not sample.is_enough:
         return None
-    delivered_mm = misfit_mm(dataset.robot, sample, tool_is_known=True)
+    if main_target(dataset.points) != TOOL_POINT:
+        return None
+    delivered_mm = misfit_mm(ending_at_tool_point(dataset.robot), sample, tool_is_known=True)
     if delivered_mm < _TIMES_LEFT * left.rmse_mm:
         return None
     found = _tried(calibration, sample, delivered_mm)
@@ -66,8 +77,8 @@ def leading_entry(calibration: Calibration) -> LeadingEntry | None:
 
 def _tried(calibration: Calibration, sample: Sample, delivered_mm: float) -> list[LeadingEntry]:
     """Entries that are likely by the derivatives, each fitted alone, the best first."""
-    robot = calibration.dataset.robot
-    entries = range(len(robot.parameter_names))
+    own, robot = calibration.dataset.robot.own_tool_point, ending_at_tool_point(calibration.dataset.robot)
+    entries = range(len(robot.parameter_names) - (0 if own is None else len(PARAMETER_KINDS)))
     off, columns = misfit_columns(robot, sample, entries, tool_is_known=True)
     squares = np.sum(columns**2, axis=0)
     # In an entry's own unit: mm of the tool by a tenth of a millimetre or a hundredth of a degree, else it is not seen.

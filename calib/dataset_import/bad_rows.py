@@ -8,9 +8,42 @@ from pathlib import Path
 
 from calib.dataset_import.reading import comparable_id
 from calib.errors import visible
-from calib.text_files.user_table import RowFault, UserTable
+from calib.text_files.csv_text import as_number
+from calib.text_files.user_table import RowFault, UserTable, plain
 
+_FEWEST = 3  # columns of a table in which a row of one cell is a remark
+_SHOWN = 4
 _DETAILED = 30  # rows of a table whose fault a note names; of further ones it names the line
+
+
+_SUMMARIES = {"mean", "average", "avg", "mittelwert", "mittel", "durchschnitt", "moyenne", "media", "promedio", "平均",
+              "平均値", "平均值", "std", "stdev", "stddev", "stdabw", "standardabweichung", "standarddeviation",
+              "écarttype", "ecarttype", "標準偏差", "标准差", "min", "max", "minimum", "maximum", "最大", "最小",
+              "最大値", "最小値", "rms", "range", "spannweite", "sum", "summe", "total", "median"}  # fmt: skip
+
+
+def without_remarks(table: UserTable) -> tuple[UserTable, str]:
+    """Table without remarks, means and other summaries at its end, and a note of them; "" where there are none."""
+    end = len(table)
+    while end > 1 and _is_remark(table.rows[end - 1]):
+        end -= 1
+    left_out = table.lines[end:]
+    if not left_out:
+        return table, ""
+    shown = ", ".join(f"{next(c for c in row if c)[:40]!r}" for row in table.rows[end : end + _SHOWN])
+    where = "columns" if table.is_turned else "lines"
+    note = (
+        f"{table.path}: remarks and summaries below the poses are left out, {where} {left_out[0]} to {left_out[-1]}: "
+    )
+    return table.of_rows(range(end)), visible(note + shown)
+
+
+def _is_remark(row: Sequence[str]) -> bool:
+    """Whether the cells of a row are one text alone, or the first of them names a mean or the like."""
+    filled = [cell for cell in row if cell]
+    if not filled or as_number(filled[0]) is not None:
+        return False
+    return plain(filled[0]) in _SUMMARIES or (len(filled) == 1 and len(row) > _FEWEST)
 
 
 @dataclass(frozen=True)

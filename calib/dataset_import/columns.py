@@ -14,12 +14,13 @@ from calib.text_files.user_table import MOST_CHARACTERS, plain, split_unit
 LENGTHS = ("mm", "m", "cm", "in", "um")
 
 _JOINT = re.compile(
-    r"(?P<set>.*?(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse|rax|mp|actuator|关节|轴))"
-    r"[^\w]*_?(?P<number>\d+)(?P<end>\D*)",
+    r"(?P<set>.*?(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse|rax|mp|actuator|articulation|articulación|giunto|juntas?|关节|轴|関節|軸|第))"
+    r"[^\w]*_?(?P<number>\d+)(?P<end>\D*)|(?P<first>\d+)\s*(?:軸|轴|关节|関節|节)\D*",
     re.IGNORECASE,
 )
 _ENDS = {"", "actual", "act", "ist", "measured", "meas", "position", "pos", "positions", "angle", "value", "feedback",
-         "fb", "state", "轴", "角度"}  # fmt: skip
+         "fb", "state", "轴", "軸", "角度", "关节", "関節", "轴角度", "軸角度",
+         "关节角度", "関節角度", "角", "winkel", "grad"}  # fmt: skip
 _SERIES = (  # joints that some makers name and do not number
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
@@ -33,12 +34,46 @@ NOT_POSITIONS = {"target", "desired", "command", "commanded", "cmd", "reference"
 _SET_VALUES = ("soll", "strom")  # beginnings of German words for them
 _ACTUAL = {"actual", "measured", "meas", "ist", "istposition"}
 _MEASURED = ("measured", "measurement", "measure", "meas", "gemessen", "mess", "laser", "lt", "tracker", "scanner",
-             "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesure")  # fmt: skip
+             "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesurée", "mesure", "misurato", "medido",
+             "測定値", "測定", "計測値", "計測", "实测值", "测量值", "gemessene", "istwert")  # fmt: skip
 _ACTUAL_POINT = ("actual", "act", "ist")  # of a controller its own, but beside nominal ones
+_MARKER_NAMES = ("marker", "reflector", "reflektor", "smr", "prism", "tag", "ball", "kugel", "aruco", "messpunkt",
+                 "cible", "マーカー", "ターゲット", "标记", "靶球")  # fmt: skip
 _NOMINAL = ("nominal", "nom", "soll", "theoretical", "theo", "名义", "理论")
 _DEVIATIONS = ("deviation", "dev", "abweichung", "delta", "error", "余量")
-_WORDS = "|".join((*_MEASURED, *_ACTUAL_POINT, "point", "punkt", "position", "pos", "coordinate", "coord", "p", "t"))
+_WORDS = "|".join(
+    (
+        *_MEASURED,
+        *_ACTUAL_POINT,
+        "point",
+        "punkt",
+        "position",
+        "pos",
+        "coordinate",
+        "coord",
+        "koordinate",
+        "coordonnée",
+        "座標",
+        "坐标",
+        "p",
+        "t",
+    )
+)
 _POINT = re.compile(rf"^(?P<before>(?:{_WORDS})*)(?P<axis>[xyz])(?P<after>1?(?:{_WORDS})*)$")
+_NO_MARKER = {"r", "q", "f", "d", "s", "u", "v", "w", "m", "sigma", "std", "ori", "roll", "euler", "quat", "force",
+              "moment", "torque", "vel", "acc", "speed", "cov", "base", "frame", "flange", "nozzle", "rot", "rotation",
+              "orientation", "quaternion", "velocity", "acceleration", "normal", "imu", "gyro", "wrench", "dir",
+              "uncertainty", "cmd", "command", "commanded", "goal", "consigne", "tcp", "tool0", "robot", "controller",
+              "steuerung", "ee", "eef", "effector", "fk", "odom", "cartesian", "calculated", "berechnet", "desired",
+              "setpoint", "reference", "sollwert", "指令", "目標"}  # fmt: skip
+_MARKER_FORMS = tuple(
+    re.compile(form, re.IGNORECASE)
+    for form in (
+        r"(?P<stem>.*?\w.*?)(?:[\W_]+|(?<=\d)|(?<=[a-z])(?=[XYZ]))(?P<axis>[xyz])(?P<after>)",
+        r"(?P<after>)(?P<axis>[xyz])(?:[\W_]+|(?=\d))(?P<stem>.*\w.*)",
+        r"(?P<stem>.*?\w.*?)[\W_]+(?P<axis>[xyz])[\W_]+(?P<after>.*\w.*)",
+    )
+)
 _OTHERS = {
     "pose": (
         "pose",
@@ -59,6 +94,15 @@ _OTHERS = {
         "messpunkt",
         "punktname",
         "punktnr",
+        "repère",
+        "pointno",
+        "pointnr",
+        "测点",
+        "点号",
+        "測定点",
+        "測点",
+        "番号",
+        "序号",
     ),
     "role": ("role", "set", "split"),
     "target": ("target", "reflector", "smr", "marker"),
@@ -79,6 +123,7 @@ _EXACT = re.compile(
 _TURNED = re.compile(
     r"^(?P<sign>-?)(?P<name>q(?:[1-9]\d?|\*))(?:_(?P<unit>deg|rad|mm|m|cm|in))?(?P<offset>[+-]\d{1,4}(?:\.\d{1,6})?)?$"
 )
+_FEW_JOINTS = 2
 BY_NAME, AS_MAPPED, BY_PLACE = "by its name", "as told", "by its place, as there is no header"
 
 
@@ -176,7 +221,7 @@ def recognise(
             found[meant.name] = Column(name, meant.name, meant.unit, meant.sign, meant.offset, why)
 
     for pattern, meant in mapping.items():
-        for k, name in enumerate(_matching(names, pattern)):
+        for k, name in enumerate(_matching(names, pattern, robot)):
             unit = meant.unit or split_unit(name)[1]
             take(
                 name,
@@ -213,12 +258,17 @@ def recognise(
     return Recognised(found, rest, tuple(faults))
 
 
-def _matching(names: Sequence[str], pattern: str) -> list[str]:
-    """Names that a pattern of --map matches; those of `prefix*` ordered by their number."""
+def _matching(names: Sequence[str], pattern: str, robot: Robot | None) -> list[str]:
+    """Names that a pattern of --map matches; those of `prefix*` in the order of their numbers or the robot's joints."""
     if "*" not in pattern:
         return [name for name in names if name == pattern]
     ends = re.compile(re.escape(pattern).replace(r"\*", r"(\d+)"))
     numbered = [(int(match[1]), name) for name in names if (match := ends.fullmatch(name))]
+    if not numbered and robot is not None:
+        of_joints = [(re.escape(joint.name).join(map(re.escape, pattern.split("*", 1)))) for joint in robot.joints]
+        return [
+            name for of_joint in of_joints for name in names if re.fullmatch(rf"{of_joint}(?:{_VALUE.pattern})?", name)
+        ]
     return [name for _, name in sorted(numbered)]
 
 
@@ -238,6 +288,51 @@ def is_beside_point(name: str) -> bool:
     words, base = words_of(name), plain(split_unit(name)[0])
     of_axis = bool(words & {"x", "y", "z"}) and bool(words & {*_NOMINAL, *_DEVIATIONS})
     return of_axis or re.fullmatch(r"[xyz]\d{1,3}", base) is not None
+
+
+def are_names(names: Sequence[str], robot: Robot | None = None, mapping: Mapping[str, Meaning] | None = None) -> bool:
+    """Whether texts name the columns of joints or of a point, or a mapping has them."""
+    if any(name in (mapping or {}) for name in names):
+        return True
+    meant = recognise(names, robot, mapping or {})
+    is_point = all(axis in meant.columns for axis in "xyz") or length_column(meant) is not None
+    of_joints = sum(plain(split_unit(name)[0]).endswith("joint") for name in names)
+    return "q1" in meant.columns or bool(meant.faults) or is_point or of_joints > _FEW_JOINTS
+
+
+def point_groups(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+    """Columns x, y, z of each point, by what stands beside the axis in their names.
+
+    Nominal points, deviations, turns and the controller's own poses are none.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for name in names:
+        base = split_unit(name)[0].strip()
+        match = next((m for form in _MARKER_FORMS if (m := form.fullmatch(base))), None)
+        stem = "" if match is None else f"{match['stem']} {match['after']}".strip(" _./-")
+        axis = match["axis"].lower() if match is not None else base.lower()
+        if axis in ("x", "y", "z") and not words_of(stem) & {*_NO_MARKER, *_NOMINAL, *_DEVIATIONS}:
+            found.setdefault(stem, {}).setdefault(axis, name)
+    return {stem: (axes["x"], axes["y"], axes["z"]) for stem, axes in found.items() if len(axes) == 3}
+
+
+def marker_columns(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+    """Columns x, y, z of each of several markers, such as T1_x ... T2_x ..., or x1 ... x2 ..., by the markers' names.
+
+    {} unless their names differ by numbers or single letters alone, or all have a word for a marker.
+    """
+    kinds: dict[str, dict[str, tuple[str, str, str]]] = {}
+    for stem, columns in point_groups(names).items():
+        kinds.setdefault(kind_of_marker(stem), {})[stem or "1"] = columns
+    most = max(kinds.values(), key=len, default={})
+    return most if len(most) > 1 else {}
+
+
+def kind_of_marker(name: str) -> str:
+    """What markers of one kind have in common: a word for them, or their name without numbers and single letters."""
+    if any(word.startswith(_MARKER_NAMES) for word in words_of(name)):
+        return "marker"
+    return plain(re.sub(r"\d+|(?<![^\W_])[A-Za-z](?![^\W_])", "9", name) or "9")
 
 
 def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
@@ -260,6 +355,8 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
         ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
         if all(len(found) == 1 for found in ends) and min(map(len, wanted)) > 2:
             return [found[0] for found in ends], []
+        if min(map(len, ends)) > 1 and len(set(map(len, ends))) == 1 and min(map(len, wanted)) > 2:
+            return [], [_which_arm(list(zip(*ends, strict=True)), robot)]
     for series in _SERIES:
         if set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
             return [by_name[name] for name in series], []
@@ -269,7 +366,9 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
     sets: dict[str, dict[int, str]] = {}
     for name in names:
         match = _JOINT.fullmatch(split_unit(name)[0].strip())
-        if match and plain(match["end"]) in _ENDS:
+        if match and match["first"]:
+            sets.setdefault("first", {})[int(match["first"])] = name
+        elif match and plain(match["end"]) in _ENDS:
             key = f"{plain(match['set'])} {plain(match['end'])}"
             sets.setdefault(key, {})[int(match["number"])] = name
     complete = {
@@ -284,11 +383,20 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
     if len(complete) == 1 or len(actual) == 1:
         return (actual or list(complete.values()))[0], []
     if complete:
-        named = " and ".join(f"{columns[0]} ..." for columns in complete.values())
-        return [], [
-            f"found {len(complete)} sets of joint columns, {named}; say which by --map, such as 'actual_q_*=q*'"
-        ]
+        return [], [_which_arm(list(complete.values()), None)]
     return [], []
+
+
+def _which_arm(sets: Sequence[Sequence[str]], robot: Robot | None) -> str:
+    """Fault that tells what to type for each of several sets of joint columns."""
+    typed = []
+    for columns in sets:
+        ends = [joint.name for joint in robot.joints][:1] if robot is not None else re.findall(r"\d+", columns[0])[-1:]
+        before, found, after = columns[0].rpartition(ends[0])
+        pattern = f"{before}*{_VALUE.sub('', after)}"
+        typed.append(f"--map '{pattern}=q*'" if found else f"--map '{columns[0]}=q1' ...")
+    named = " and ".join(f"{columns[0]} ..." for columns in sets)
+    return f"found {len(sets)} sets of joint columns, {named}; say which by {' or '.join(typed)}"
 
 
 def _point_columns(names: Sequence[str]) -> dict[str, str]:
@@ -303,6 +411,10 @@ def _point_columns(names: Sequence[str]) -> dict[str, str]:
             continue
         rank = 0 if any(word in words for word in (*_MEASURED, *_ACTUAL_POINT)) else 1
         found.setdefault((rank, f"{match['before']} {match['after']}"), {}).setdefault(match["axis"], name)
+    if not any(len(axes) == 3 for axes in found.values()):
+        groups = point_groups(names)
+        for columns in (groups if len(groups) == 1 else marker_columns(names)).values():
+            return dict(zip(columns, "xyz", strict=True))
     order = sorted(found, key=lambda key: (-len(found[key]), key[0]))
     return {name: axis for key in order[:1] for axis, name in found[key].items()} | (
         {} if not order or len(found[order[0]]) == 3 else {n: a for key in order[1:] for a, n in found[key].items()}

@@ -13,10 +13,17 @@ from calib.camera.flange_poses import has_flange_poses
 from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
-from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
+from calib.dataset_import.bad_rows import (
+    NOTHING_LEFT_OUT,
+    LeftOutRows,
+    left_out_rows,
+    too_many_bad_rows,
+    without_remarks,
+)
 from calib.dataset_import.camera_views import CameraPoints, settled_camera
-from calib.dataset_import.columns import Column, Meaning, Recognised, length_column
+from calib.dataset_import.columns import Column, Meaning, Recognised, are_names, length_column
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
+from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.reading import (
     ImportReport,
     joint_values,
@@ -240,7 +247,45 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
         columns[other.path] = (other, of_points)
     elif not same:
         return _plan(report, sources, columns, None)
-    return _with_numbers(report, sources, columns, table, meant, other, of_points, left_out)
+    if report.robot is not None and (wants_points or other is not None):
+        meant, other, of_points = _with_named_targets(report, columns, table, meant, other, of_points)
+    plan = _with_numbers(report, sources, columns, table, meant, other, of_points, left_out)
+    for i, fault in enumerate(report.faults):  # the file has its markers in the rows of the joints
+        if isinstance(fault, RowFault) and other is not None and fault.path == other.path:
+            report.faults[i] = replace(fault, path=sources.points or table.path)
+    return plan
+
+
+def _with_named_targets(
+    report: ImportReport,
+    columns: dict[Path, tuple[UserTable, Recognised]],
+    table: UserTable,
+    meant: Recognised,
+    other: UserTable | None,
+    of_points: Recognised,
+) -> tuple[Recognised, UserTable | None, Recognised]:
+    """Columns of the joints' table; table of points with a row for each marker, the tool's named "jig"; its columns.
+
+    Markers in the rows of the joints are no further columns of these.
+    """
+    assert report.robot is not None
+    points = table if other is None else other
+    markers = beside_each_other(of_points, points.columns)
+    if markers:
+        ids = pose_ids(ImportReport(None), table, meant)
+        rows = rows_of_points(report, table, ids, other, of_points)
+        if -1 in rows or len(rows) != len(points):
+            return meant, other, of_points
+        of_markers = {name for each in markers.values() for name in each}
+        other, of_points = in_rows(report, points, markers, [ids[row] for row in rows])
+        if points is table:
+            meant = replace(meant, rest=tuple(name for name in meant.rest if name not in of_markers))
+            columns[table.path] = (table, meant)
+        columns[other.path] = (other, of_points)
+    if other is not None and "target" in of_points.columns and all(axis in of_points.columns for axis in "xyz"):
+        other = with_tool_named(report, other, of_points, report.robot)
+        columns[other.path] = (other, of_points)
+    return meant, other, of_points
 
 
 def _loaded(
@@ -258,10 +303,19 @@ def _loaded(
             report.fault(found)
 
     try:
-        table = load_table(path, fault, any_encoding=True)
+        table = load_table(
+            path, fault, any_encoding=True, is_names=lambda names: are_names(names, report.robot, sources.mapping)
+        )
     except DatasetError as error:
         report.fault(str(error))
         return None
+    if table.is_turned:
+        report.notes.append(
+            f"{path}: its names stand below each other and each pose is a column: it is turned, and a line "
+            "that is told of it is a column's number"
+        )
+    table, remarks = without_remarks(table)
+    report.notes += [remarks] if remarks else []
     return table.without(lines) if lines else table
 
 
@@ -301,11 +355,11 @@ def _with_numbers(
     if not sources.tables:
         require_poses(report, table, meant, q)
     sheet, off, unit = None, 1.0, "mm"
+    setups = table.text(meant.columns["setup"].name) if "setup" in meant.columns else []
     if seen is not None and near is not None:
         unit, how, off = points_unit(report, other or table, of_points, near, q)
         of_points = _with_units(of_points, list("xyz"), [unit] * 3, "the arm's tool spreads so" if how else "")
         columns[(other or table).path] = (other or table, of_points)
-        setups = table.text(meant.columns["setup"].name) if "setup" in meant.columns else []
         place = of_one_place(near, row_of, (other or table, of_points), setups)
         sheet = Sheet(tuple(ids), q, place * LENGTHS_MM[unit])
         seen = seen * LENGTHS_MM[unit]
@@ -315,6 +369,10 @@ def _with_numbers(
     q = taken.joints.of(q)
     columns[table.path] = (table, taken.applied(columns[table.path][1], units))
     robot_file = taken.robot
+    if other is not None and seen is not None and "target" in of_points.columns:
+        robot, kept = with_targets(report, robot_file.robot, other, of_points, row_of, q, seen, setups)
+        robot_file = replace(robot_file, robot=robot)
+        other, seen, row_of = other.of_rows(kept), seen[kept], [row_of[i] for i in kept]
     report.robot = robot_file.robot
     if sheet is not None and off > 1.0 and near is not None:
         require_near_spread(report, other or table, of_points, *length_unit(report.robot, q, near))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +13,15 @@ import numpy as np
 from calib.array_types import Array
 from calib.camera.flange_poses import has_flange_poses
 from calib.dataset.input_names import quantity_of
-from calib.dataset_import.columns import AS_MAPPED, Column, Meaning, Recognised, length_column, recognise
+from calib.dataset_import.columns import (
+    AS_MAPPED,
+    Column,
+    Meaning,
+    Recognised,
+    length_column,
+    point_groups,
+    recognise,
+)
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
@@ -80,6 +89,10 @@ def recognised(
         if by_place is None and not joints and len(of_numbers) == 3 < len(table.columns):
             by_place = dict(zip(of_numbers, "xyz", strict=True))
             report.notes.append(f"{table.path}: has no header; its columns of numbers are taken for x, y, z")
+    unnamed = table.columns[0]
+    if table.has_header and unnamed == "column 1":
+        cells = table.text(unnamed)
+        by_place = {unnamed: "pose"} if all(cells) and len(set(cells)) == len(cells) else None
     found = recognise(table.columns, robot, mapping, by_place)
     for words in found.faults:
         report.fault(f"{table.path}: line 1: {words}")
@@ -103,15 +116,33 @@ def recognised(
         elif missing:
             report.fault(
                 f"{table.path}: line 1: {robot.n_joints} columns of joints are needed, q1 to q{robot.n_joints} or the "
-                f"joints' names; found {have}; tell with --map column=q1"
+                f"joints' names; found {have}; tell with --map {_numbered(table.columns, robot.n_joints)}"
             )
     if positions and not joints and length_column(found) is None:
         missing = [axis for axis in "xyz" if axis not in found.columns]
         if missing:
             report.fault(
-                f"{table.path}: line 1: no column for {', '.join(missing)}; found {have}; tell with --map column=x"
+                f"{table.path}: line 1: no column for {', '.join(missing)}{_several(table)}; found {have}; tell with "
+                "--map column=x"
             )
     return found
+
+
+def _several(table: UserTable) -> str:
+    """Part of a sentence that tells how to choose one of several points with names of their own."""
+    groups = point_groups(table.columns)
+    if len(groups) < 2:
+        return ""
+    first, *_ = groups.values()
+    typed = " ".join(f"--map '{name}={axis}'" for name, axis in zip(first, "xyz", strict=True))
+    return f"; several points stand there, {', '.join(groups)}: say which by {typed}"
+
+
+def _numbered(names: Sequence[str], count: int) -> str:
+    """What to type of --map: a pattern of as many numbered columns as there are joints, where there is one."""
+    patterns = Counter(re.sub(r"\d+", "*", name, count=1) for name in names)
+    found = [pattern for pattern, times in patterns.items() if "*" in pattern and times == count]
+    return f"'{found[0]}=q*'" if len(found) == 1 else "column=q1"
 
 
 def _has_points_first(table: UserTable, start: int) -> bool:
@@ -146,7 +177,8 @@ def point_values(report: ImportReport, table: UserTable, meant: Recognised, *, n
         is_told = any(str(fault).startswith(f"{table.path}: line 1: no ") for fault in report.faults)
         if needed and not is_told and length_column(meant) is None and not any(a in meant.columns for a in "xyz"):
             report.fault(
-                f"{table.path}: line 1: no columns x, y, z; give --points FILE.csv, --scans FOLDER or --map column=x"
+                f"{table.path}: line 1: no columns x, y, z{_several(table)}; give --points FILE.csv, --scans FOLDER or "
+                "--map column=x"
             )
         return None
     points = np.column_stack([_coordinate(report, table, meant.columns[axis].name) for axis in "xyz"])

@@ -13,7 +13,7 @@ from calib.array_types import Array, BoolArray
 from calib.consistency.agreement import misfit_mm, sample_of
 from calib.consistency.own_pose import table_disagreement_mm
 from calib.consistency.own_pose import told as told_of_table
-from calib.dataset_import.columns import AS_MAPPED, Column, Meaning, recognise
+from calib.dataset_import.columns import AS_MAPPED, Column, Meaning, kind_of_marker, recognise
 from calib.dataset_import.table_logs import has_time, head_of, is_always_log, is_log, read_table_log
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError, visible
@@ -31,7 +31,7 @@ from calib.recordings.means import Means, means_of
 from calib.recordings.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows, recording_file
 from calib.recordings.standstill import LEAST_S, Phase, Standstill, approach_of, standstill_of, trimmed
 from calib.text_files.records import table_file
-from calib.text_files.user_table import UserTable, plain, split_unit
+from calib.text_files.user_table import UserTable, split_unit
 
 _ONE_CLOCK_S = 10.0  # at most, by which clocks differ within one file
 _MARGIN_S = 0.1  # at both ends of a phase, in which points are not used
@@ -41,6 +41,7 @@ _MOVED = 1e-3  # rad, that a joint moves at least to come from a side
 _STATIC = 0.02  # of the widest point's spread, below which a point is not on the arm
 _JUMP = 0.02  # of the whole motion, from one row to the next
 _OFTEN = 0.2  # of the rows
+_RARE = 0.1  # of the points seen most often
 _MOVES = 0.02  # of the points' spread, by which they scatter in the stops where they are of other times
 _WILD = 6.0  # times the usual scatter, from which a phase was disturbed
 _AGREES = 0.1  # of the points' spread
@@ -119,7 +120,7 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     notes += [] if is_same else of_points.notes
     seen = [_kept(other, each, notes) for each in _points_of(other, of_points, wanted, robot, notes, doubts)]
     q = _q(robot, series, columns)
-    clock = _clock(robot, (series, q, rest), (seen[0], other), is_same, notes, doubts)
+    seen, clock = _of_this_arm(robot, (series, q, rest), seen, other, is_same, notes, doubts)
     means = [_point_means(each, series.time_s, rest, clock) for each in seen]
     kept = ~np.isnan(means[0].mean[:, 0])
     for further in means[1:]:
@@ -197,13 +198,17 @@ def _joints_of(
         named = ", ".join(each.source for each in read.joints)
         raise RecordingError(f"{file}: no joint states in {topic!r}; there are {named}")
     possible: list[tuple[JointSeries, list[Column]]] = []
+    several: list[str] = []
     for each in series:
         meant = recognise(
             each.names, robot, {key: value for key, value in mapping.items() if _matches(key, each.names)}
         )
         found = [meant.columns.get(f"q{k + 1}") for k in range(robot.n_joints)]
+        several += [f"{file}: {each.source}: {fault}" for fault in meant.faults]
         if all(found):
             possible.append((each, [column for column in found if column is not None]))
+    if not possible and several:
+        raise RecordingError(visible(several[0]))
     if not possible:
         has = "; ".join(f"{each.source} has {', '.join(each.names[:20])}" for each in series)
         raise RecordingError(f"{file}: {wanted}; {visible(has)}; tell with --map {series[0].names[0]}=q1 ...")
@@ -291,24 +296,36 @@ def _points_of(
         others = visible(", ".join(source for source in sources if source != body))
         notes.append(f"{file}: the point is {visible(body)}; its markers are left out: {others}")
         chosen = [each for each in chosen if each.source == body]
-    elif len(sources) > 1:
+    elif len({kind_of_marker(source) for source in sources}) > 1:
         raise RecordingError(
             f"{file}: several sources of points, {visible(', '.join(sources[:_NAMED]))}; say which by --points "
             f"'{file}#{sources[0]}'"
         )
+    if len(chosen) == 1:
+        return chosen
+    chosen = sorted(chosen, key=lambda each: -len(each))
+    rare = [each.name for each in chosen if len(each) < _RARE * len(chosen[0])]
+    chosen = [each for each in chosen if each.name not in rare]
+    if rare:
+        notes.append(f"{file}: points that were seldom seen are left out: {visible(', '.join(rare[:_NAMED]))}")
     if len(chosen) > 1:
-        targets = {plain(target.name) for target in robot.targets} | {"jig"}
-        if {plain(each.label) for each in chosen} <= targets:
-            return chosen
-        best = max(chosen, key=len)
-        rest = [each.name for each in chosen if each is not best]
         notes.append(
-            f"{file}: the point is {visible(best.name)}, which was seen most often; further ones are no targets of "
-            f"the robot and are "
-            f"left out: {visible(', '.join(rest[:_NAMED]))}; another one by --points '{file}#{rest[0]}'"
+            f"{file}: {len(chosen)} points are measured, {visible(', '.join(each.name for each in chosen[:_NAMED]))}; "
+            f"one alone by --points '{file}#{chosen[0].name}'"
         )
-        return [best]
-    return chosen
+    labelled = zip(chosen, _labels(chosen), strict=True)
+    return [replace(each, source="" if len(sources) > 1 else each.source, label=label) for each, label in labelled]
+
+
+def _labels(series: Sequence[PointSeries]) -> list[str]:
+    """Short name of each of several points, as a target of the robot."""
+    if len({each.source for each in series}) == 1:
+        names = [each.label for each in series]
+    else:  # what their topics do not share
+        parts = [re.split(r"[/:]", each.name.strip("/")) for each in series]
+        shared = set.intersection(*map(set, parts))
+        names = ["/".join(part for part in of_one if part not in shared) for of_one in parts]
+    return [f"marker{name}" if name.isdigit() else name for name in names]
 
 
 def _kept(file: Path, seen: PointSeries, notes: list[str]) -> PointSeries:
@@ -426,6 +443,31 @@ def _clock(
             f"{names[1]}: its clock drifts against the joints' by {clock.drift * 1e6:.0f} ppm; the mean offset is taken"
         )
     return clock
+
+
+def _of_this_arm(
+    robot: Robot,
+    joints: tuple[JointSeries, Array, Standstill],
+    seen: list[PointSeries],
+    other: Path,
+    is_same: bool,
+    notes: list[str],
+    doubts: list[str],
+) -> tuple[list[PointSeries], ClockOffset]:
+    """Points from the first on that moves as the arm does, and its clock's offset. Raises RecordingError for none."""
+    first_error: RecordingError | None = None
+    for k, each in enumerate(seen):
+        try:
+            clock = _clock(robot, joints, (each, other), is_same, notes, doubts)
+        except RecordingError as error:
+            first_error = first_error or error
+            continue
+        if k:
+            left_out = ", ".join(point.name for point in seen[:k])
+            notes.append(f"{other}: points that do not move as this arm does are left out: {visible(left_out)}")
+        return seen[k:], clock
+    assert first_error is not None
+    raise first_error
 
 
 # ---- means -----------------------------------------------------------------------------------------------------------

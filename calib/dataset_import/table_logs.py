@@ -17,7 +17,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.consistency.own_pose import own_pose_columns
-from calib.dataset_import.columns import Meaning, is_position, recognise, words_of
+from calib.dataset_import.columns import Meaning, is_position, marker_columns, recognise, words_of
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
@@ -137,7 +137,8 @@ def read_table_log(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> 
     others = tuple(name for name in log.columns if name not in named)
     joints = _joints(log, time_s, robot, mapping)
     points = _points(log, time_s, mapping, set() if joints is None else set(joints.names))
-    used = {*named, *(() if joints is None else joints.names)}
+    of_joints = set() if joints is None else set(joints.names)
+    used = {*named, *of_joints, *(name for triple in _triples(log, mapping, of_joints).values() for name in triple)}
     is_normalised = joints is not None and any(name.startswith(_STATE) for name in joints.names)
     return Recording(
         () if joints is None else (joints,), points, tuple(n for n in others if n not in used), tuple(notes),
@@ -538,7 +539,9 @@ def _triples(log: _Log, mapping: Mapping[str, Meaning], joints: set[str]) -> dic
         match = re.fullmatch(r"(?P<before>.*?)(?:^|[^A-Za-z0-9]|(?<=[a-z]))T?(?P<axis>[xyzXYZ])", base.strip())
         if match and name not in joints and not words_of(match["before"]) & _NOT_PLACES:
             found.setdefault(match["before"].strip("/._ "), {}).setdefault(match["axis"].lower(), name)
-    return {key: (axes["x"], axes["y"], axes["z"]) for key, axes in found.items() if len(axes) == 3}
+    whole = {key: (axes["x"], axes["y"], axes["z"]) for key, axes in found.items() if len(axes) == 3}
+    markers = marker_columns([name for name in log.columns if name not in joints])
+    return whole | {key: columns for key, columns in markers.items() if columns not in whole.values()}
 
 
 def _label_column(log: _Log) -> str | None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from calib.dataset_import.columns import length_column, recognise
+from calib.dataset_import.columns import are_names, length_column, recognise
 from calib.dataset_import.table_logs import describe, describe_table, is_lerobot
 from calib.errors import CalibError
 from calib.recordings.bags import bag_topics, is_bag, kinds_of_topics
@@ -185,7 +185,7 @@ def _sheets(path: Path) -> list[UserFile]:
     """A spreadsheet's sheets, or a file of JSON records, each judged as a table; one entry where none can be read."""
     try:
         named = [path.with_name(f"{path.name}#{name}") for name in sheets(path)] if path.suffix != ".json" else [path]
-        return [_judged_table(each, load_table(each, lambda _: None)) for each in named or [path]]
+        return [_judged_table(each, load_table(each, lambda _: None, is_names=are_names)) for each in named or [path]]
     except CalibError as error:
         return [UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))]
 
@@ -203,7 +203,7 @@ def of_workbook(path: Path) -> UserFiles:
 
 def _judged_text(path: Path) -> UserFile:
     try:
-        return _judged_table(path, parse_table(path, _head(path), lambda _: None))
+        return _judged_table(path, parse_table(path, _head(path), lambda _: None, are_names))
     except CalibError as error:
         return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
 

@@ -143,7 +143,10 @@ def _distance(error: Array, lever: Array, *, fitted: bool) -> float:
 
 
 def resistant_core(make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool) -> BoolArray:
-    """Mask (M,) of points at poses that a resistant (Tukey) fit keeps; nearly all outliers are left out."""
+    """Mask (M,) of points at poses that a resistant (Tukey) fit keeps; nearly all outliers are left out.
+
+    All points where it keeps less than half: then something else is wrong than single poses, such as a tool's place.
+    """
     residuals = make(observed)
     rows = rows_of_points(residuals, observed)
     fit = solve(residuals, prior=prior)
@@ -160,7 +163,8 @@ def resistant_core(make: Callable[[Observations], Residuals], observed: Observat
     pose = np.unique(observed.points.pose, return_inverse=True)[1]
     least = np.full(int(pose.max()) + 1, np.inf)
     np.minimum.at(least, pose, weights)
-    return np.asarray((least > _LEAST)[pose])
+    kept = np.asarray((least > _LEAST)[pose])
+    return kept if 2 * np.count_nonzero(kept) >= len(kept) else np.ones_like(kept)
 
 
 def solve_with_tails(

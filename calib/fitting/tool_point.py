@@ -32,6 +32,7 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.kinematics.tool_point import tip_T_last, tool_point_of, with_own_tool_point
 
+_KNOWN_PLACE_MM = 2.0  # tolerance of a target, up to which its place says how the last link is turned
 _ROWS_BEHIND = 2  # of the table: what lies behind the last joint's axis
 
 
@@ -104,12 +105,16 @@ def fixed_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, 
     """Names of parameters behind the last axis to be fixed, as an independent tool point replaces them.
 
     They move the point as its own place does, or turn the tip about it. () where the tool point is the end of the
-    tool's row; the tool's row alone where further targets on the last link determine its orientation.
+    tool's row; the tool's row alone where further targets on the last link, at known places, determine its orientation.
     """
     own = robot.own_tool_point
     if own is None or own.name not in observed.targets:
         return ()
-    further = [t for t in robot.targets if t is not own and t.joint is None and t.name in observed.targets]
+    further = [
+        t
+        for t in robot.targets
+        if t is not own and t.joint is None and t.name in observed.targets and t.tolerance_mm <= _KNOWN_PLACE_MM
+    ]
     names = behind_last_axis(robot)
     return names[-len(PARAMETER_KINDS) :] if further else names
 

@@ -166,6 +166,7 @@ def _at_training_poses(
         pairs = dict.fromkeys(
             (int(pose), order[str(name)])
             for pose, name in zip(points.pose[trained], points.target[trained], strict=True)
+            if str(name) in order  # distances are of the tool point alone
         )
         rows = [pose for pose, _ in pairs]
         of_target = np.array([target for _, target in pairs])

@@ -11,6 +11,7 @@ import base64
 import json
 import math
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ _LABELS = ("child_frame_id", "marker_name", "id", "marker_index", "fiducial_id",
            "class_id", "tracking_id", "index", "rigid_body_name", "segment_name", "subject_name")  # fmt: skip
 _LISTS = ("transforms", "markers", "detections", "poses", "points", "fiducials", "tags", "bodies", "rigid_bodies",
           "rigidbodies", "objects", "subjects")  # fmt: skip
+_IDENTIFIERS = ("marker_ids", "ids", "tag_ids", "names")  # of the items of a list, in a list beside it
 _ANGLES = ("q", "actual_q", "measured_joint_position", "joint_position", "joint_positions", "joint_angles")
 """Lists of joint values without names, as messages of makers have them: they are named q1, q2 ..."""
 _FEW_TRIED = 20  # messages of a topic whose type is not known, before it is skipped as one without positions
@@ -216,7 +218,7 @@ def _wrapped(value: Any) -> Any:
 def _series(messages: Iterable[Decoded], kinds: Mapping[str, str]) -> dict[str, Any]:
     """Numbers of joints by topic and set of joints, and of points by topic and label."""
     joints: dict[tuple[str, tuple[str, ...]], list[list[float]]] = {}
-    points: dict[tuple[str, str], list[list[float]]] = {}
+    points: dict[tuple[str, str, str], list[list[float]]] = {}
     without: dict[str, int] = {}
     counts: dict[str, int] = {}
     for topic, log_s, message in messages:
@@ -242,13 +244,18 @@ def _series(messages: Iterable[Decoded], kinds: Mapping[str, str]) -> dict[str, 
             joints.setdefault((topic, tuple(f"q{k + 1:02}" for k in range(len(angles)))), []).append(row)
             continue
         found = list(_positions(message))
-        if not found and (topic not in {t for t, _ in points}):
+        if not found and (topic not in {t for t, _, _ in points}):
             without[topic] = without.get(topic, 0) + 1
-        for label, stamp_s, xyz in found:
-            points.setdefault((topic, label), []).append([log_s, stamp_s, *xyz])
+        for label, frame, stamp_s, xyz in found:
+            points.setdefault((topic, label, frame), []).append([log_s, stamp_s, *xyz])
+    frames = Counter((topic, label) for topic, label, _ in points)
+    by_label = {  # seen from several frames, as by two cameras, a marker is several points
+        (topic, f"{frame}/{label}".strip("/") if frames[topic, label] > 1 else label): rows
+        for (topic, label, frame), rows in points.items()
+    }
     return {
         "joints": [{"topic": t, "names": names, "rows": packed(rows)} for (t, names), rows in joints.items()],
-        "points": [{"topic": t, "label": label, "rows": packed(rows)} for (t, label), rows in points.items()],
+        "points": [{"topic": t, "label": label, "rows": packed(rows)} for (t, label), rows in by_label.items()],
     }
 
 
@@ -292,21 +299,30 @@ def _stamp_s(message: Any) -> float:
     return whole if whole > 0.0 else math.nan
 
 
-def _positions(message: Any) -> Iterator[tuple[str, float, tuple[float, float, float]]]:
-    """Positions in a message with their label and time, s: of itself, or of each item of its list."""
-    stamp = _stamp_s(message)
+def _positions(message: Any) -> Iterator[tuple[str, str, float, tuple[float, float, float]]]:
+    """Positions in a message with label, frame and time, s: of itself, or of each item of its list."""
+    stamp, frame = _stamp_s(message), _frame(message)
     xyz = _position(message, 0)
     if xyz is not None:
         if getattr(message, "action", 0) < DELETED:
-            yield _label(message, None), stamp, xyz
+            yield _label(message, None), frame, stamp, xyz
         return
     for name in _LISTS:
         items = getattr(message, name, None)
-        for k, item in enumerate(items if isinstance(items, list) else []):
+        items = items if isinstance(items, list) else []
+        told = (getattr(message, key, None) for key in _IDENTIFIERS)
+        beside = next((ids for ids in told if isinstance(ids, (list, np.ndarray)) and len(ids) == len(items)), None)
+        for k, item in enumerate(items):
             xyz = _position(item, 0)
             if xyz is not None and getattr(item, "action", 0) < DELETED:
                 own = _stamp_s(item)
-                yield _label(item, k), own if math.isfinite(own) else stamp, xyz
+                label = _label(item, k) if beside is None else str(beside[k])
+                yield label, _frame(item) or frame, own if math.isfinite(own) else stamp, xyz
+
+
+def _frame(part: Any) -> str:
+    """Frame in which the positions of a message are; "" where it names none."""
+    return str(getattr(getattr(part, "header", None), "frame_id", "") or "")
 
 
 def _label(item: Any, number: int | None) -> str:

@@ -55,7 +55,7 @@ class PointSeries:
     @property
     def name(self) -> str:
         """Source and label, as the user names them behind the file's `#`."""
-        return f"{self.source}:{self.label}" if self.label else self.source
+        return ":".join(part for part in (self.source, self.label) if part)
 
 
 @dataclass(frozen=True)

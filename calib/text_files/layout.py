@@ -26,7 +26,9 @@ _GROUPS = {  # of thousands, by the decimal sign
     ",": re.compile(r"[+-]?\d{1,3}(?:[ .'’]\d{3})+(?:,\d*)?"),
 }
 _UNIT_CELL = re.compile(r"[\[(]?(?P<unit>[^\W\d_]{0,8}(?:/[^\W\d_]{1,4}[²2]?)?|[°%µ-][^\W\d_]{0,2}(?:/s[²2]?)?)[\])]?")
-_UNITS = {"deg", "°", "rad", "mm", "m", "cm", "um", "µm", "in", "s", "ms", "ns", "kg", "nm", "n", "a", "°c", "c"}
+_UNITS = {"deg", "°", "rad", "mm", "m", "cm", "um", "µm", "in", "s", "ms", "ns", "kg", "nm", "n", "a", "°c", "c",
+          "度", "弧度", "毫米", "ミリ", "degré", "degrés", "inch", "zoll", "pouces"}  # fmt: skip
+_UNIT_BEHIND = re.compile(r"\s*[\[(][^\[\]()]+[\])]\s*$")  # a name of a group or a column
 _NOT_GROUPS = ("type", "id", "parent")  # lines of Motive that name nothing
 _FULL = 0.9  # of the columns are named by a line of names
 _PART = 0.5
@@ -177,7 +179,9 @@ def _grouped(cells: Sequence[list[str]], at: int) -> list[str]:
         for k, cell in enumerate(row):
             group = cell or group
             if wanting[k] and group:
-                names[k] = f"{group} {names[k]}".strip()
+                unit = _UNIT_BEHIND.search(group)
+                behind = f" {unit[0].strip()}" if unit and not _UNIT_BEHIND.search(names[k]) else ""
+                names[k] = f"{_UNIT_BEHIND.sub('', group)} {names[k]}{behind}".strip()
     return _trimmed(names)
 
 

@@ -22,12 +22,26 @@ UNITS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radian": "rad", "radians": "rad",
     "mm": "mm", "m": "m", "meter": "m", "metre": "m", "meters": "m", "cm": "cm", "in": "in", "inch": "in", "um": "um",
     "kg": "kg", "s": "s", "sec": "s", "c": "c", "°c": "c", "degc": "c",
+    "grad": "deg", "degré": "deg", "degrés": "deg", "degre": "deg", "degres": "deg", "gradi": "deg", "grados": "deg",
+    "度": "deg", "radiant": "rad", "弧度": "rad", "ラジアン": "rad", "millimeter": "mm", "millimeters": "mm",
+    "millimetre": "mm", "millimetres": "mm", "millimètres": "mm", "毫米": "mm", "ミリ": "mm", "inches": "in",
+    "zoll": "in", "pouce": "in", "pouces": "in", "インチ": "in", "µm": "um", "μm": "um", "mètre": "m", "mètres": "m",
+    "米": "m",
 }  # fmt: skip
 """Spellings of units, and the name of each unit in this program."""
 MOST_CHARACTERS = 200  # of a column name that is parsed
-_UNIT = re.compile(r"^(?P<name>.*?)(?:[\s_]*[\[(]\s*(?P<bracket>[^\])]+?)\s*[\])]|[\s_.]+(?P<end>[^\s_.\d]+))$")
+_UNIT = re.compile(
+    r"^(?P<name>.*?)(?:[\s_]*[\[(\uff08\u3010]\s*(?P<bracket>[^\])\uff09\u3011]+?)\s*[\])\uff09\u3011]"
+    r"|[\s_.]+(?P<end>[^\s_.\d]+))$"
+)
 
 
+Naming = Callable[[Sequence[str]], bool]
+"""Whether cells are names of columns that the reader knows."""
+_LABELS = 3  # columns in which a turned table may have its labels: groups, names, units
+_MOST_LABELS = 200
+_TITLES = 15  # rows above a table in which its names are looked for
+_FEWEST_CELLS = 3  # of a row that is no title or note
 _STYLE_ROWS = 2000  # by which the way of writing numbers is told
 
 
@@ -51,6 +65,7 @@ class RowFault:
     line: int
     found: str  # the column, what was found there and what is needed
     column: str = ""  # "" where the whole row is concerned
+    is_turned: bool = False  # of a table whose rows are the file's columns
 
     def __str__(self) -> str:
         return f"{self.path}: {self.place}: {self.found}"
@@ -58,6 +73,8 @@ class RowFault:
     @property
     def place(self) -> str:
         """Line and column in the file."""
+        if self.is_turned:
+            return f"column {self.line}, row {self.column}" if self.column else f"column {self.line}"
         return f"line {self.line}, column {self.column}" if self.column else f"line {self.line}"
 
 
@@ -77,6 +94,7 @@ class UserTable:
     separator: str = ","  # of a text
     style: NumberStyle = PLAIN_NUMBERS  # of the numbers in a text; those of the rows are plain
     rate_hz: float = 0.0  # of the rows, where the file tells it
+    is_turned: bool = False  # a row is a column of the file, and its line the column's number
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -92,7 +110,10 @@ class UserTable:
 
     def without(self, lines: Collection[int]) -> UserTable:
         """Table without the rows of these lines."""
-        kept = [i for i, line in enumerate(self.lines) if line not in lines]
+        return self.of_rows([i for i, line in enumerate(self.lines) if line not in lines])
+
+    def of_rows(self, kept: Collection[int]) -> UserTable:
+        """Table with some of its rows."""
         return replace(
             self,
             rows=tuple(self.rows[i] for i in kept),
@@ -106,30 +127,42 @@ class UserTable:
         for i, cell in enumerate(self.text(column)):
             value = as_number(cell)
             if value is None:
-                fault(RowFault(self.path, self.lines[i], f"found {cell[:40]!r}; a number is needed", column))
+                found = f"found {cell[:40]!r}; a number is needed"
+                fault(RowFault(self.path, self.lines[i], found, column, self.is_turned))
             else:
                 out[i] = value
         return out
 
 
-def load_table(path: Path, fault: Callable[[Fault], None] | None = None, *, any_encoding: bool = False) -> UserTable:
+def load_table(
+    path: Path,
+    fault: Callable[[Fault], None] | None = None,
+    *,
+    any_encoding: bool = False,
+    is_names: Naming | None = None,
+) -> UserTable:
     """Read a user's table from a file. Raises DatasetError where it is not one.
 
     `any_encoding` accepts what spreadsheets write besides UTF-8. With `fault`, each mistake in names and rows is
-    reported there and the table is read all the same. Spreadsheets and JSON records are read, too.
+    reported there and the table is read all the same. Spreadsheets and JSON records are read, too. With `is_names`, a
+    table whose names stand below each other, a column a pose, is turned.
     """
     if is_records(path):
-        return _table_of(path, [(k + 1, row) for k, row in enumerate(read_records(path)) if any(row)], fault)
+        rows = [(k + 1, row) for k, row in enumerate(read_records(path)) if any(row)]
+        return _table_of(path, rows, fault, is_names=is_names)
     return parse_table(
         path,
         read_text(
             path, missing="name a table of numbers", kind="CSV", most_bytes=MOST_BYTES, any_encoding=any_encoding
         ),
         fault,
+        is_names,
     )
 
 
-def parse_table(path: Path, text: str, fault: Callable[[Fault], None] | None = None) -> UserTable:
+def parse_table(
+    path: Path, text: str, fault: Callable[[Fault], None] | None = None, is_names: Naming | None = None
+) -> UserTable:
     """Parse a user's table from text; `path` names it in errors. Otherwise as `load_table`."""
     if not text.strip():
         raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
@@ -144,12 +177,27 @@ def parse_table(path: Path, text: str, fault: Callable[[Fault], None] | None = N
         for line, row in csv_rows(path, text, "," if separator == " " else separator)
         if any(c.strip() for c in row)
     ]
-    return replace(_table_of(path, numbered, fault, separator), separator=separator)
+    return replace(_table_of(path, numbered, fault, separator, is_names), separator=separator)
+
+
+def _turned(rows: Sequence[tuple[int, list[str]]], is_names: Naming) -> list[tuple[int, list[str]]]:
+    """Columns of a table whose names stand below each other, as rows with their numbers; [] where they do not."""
+    cells = [row for _, row in rows if sum(map(bool, row)) >= _FEWEST_CELLS]
+    if len(cells) > _MOST_LABELS or any(map(is_names, cells[:_TITLES])):
+        return []
+    for k in range(_LABELS):
+        labels = [row[k] if k < len(row) else "" for row in cells]
+        if is_names([label for label in labels if label]):
+            width = max(map(len, cells))
+            columns = ([row[i] if i < len(row) else "" for row in cells] for i in range(k, width))
+            return [(i + 1, column) for i, column in enumerate(columns, k) if any(column)]
+    return []
 
 
 def _table_of(
-    path: Path, numbered: Sequence[tuple[int, list[str]]], fault: Callable[[Fault], None] | None, separator: str = ","
-) -> UserTable:
+    path: Path, numbered: Sequence[tuple[int, list[str]]], fault: Callable[[Fault], None] | None, separator: str = ",",
+    is_names: Naming | None = None,
+) -> UserTable:  # fmt: skip
     """Table of rows of cells, each with its line; names stand above the first row of numbers, else as `load_table`."""
 
     def wrong(message: Fault) -> None:
@@ -159,6 +207,8 @@ def _table_of(
 
     style = number_style([cell for _, row in numbered[:_STYLE_ROWS] for cell in row], separator)
     numbered = [(line, list(map(style.plain, row))) for line, row in numbered]
+    turned = _turned(numbered, is_names) if is_names is not None and numbered else []
+    numbered = turned or numbered
     header = header_of(numbered)
     body, names = list(numbered[header.first :]), list(header.names)
     columns = names or [f"column {k + 1}" for k in range(len(numbered[0][1]))]
@@ -180,5 +230,5 @@ def _table_of(
     columns, rows = list_columns(columns, rows)
     return UserTable(
         path, tuple(columns), tuple(map(tuple, rows)), tuple(number for number, _ in body), bool(names), style=style,
-        rate_hz=header.rate_hz,
+        rate_hz=header.rate_hz, is_turned=bool(turned),
     )  # fmt: skip

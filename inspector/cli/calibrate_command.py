@@ -246,11 +246,17 @@ def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
 
 
 def require_plausible(result: Calibration, force: bool) -> None:
-    """Raise CalibError, before anything is written, for a fit without improvement or implausible, unless `force`."""
+    """Raise CalibError, before anything is written, for a fit without improvement or implausible, unless `force`.
+
+    Single poses that alone spoil the fit are named.
+    """
     result.require_improvement(force=force)
     doubt = "" if force else implausibility_reason(result)
-    if doubt:
-        raise CalibError(f"dataset {result.dataset.name}: {doubt}; nothing was written, --force writes it anyway")
+    if not doubt:
+        return
+    robust = fit_without_outliers(result)
+    hint = "" if robust is None or implausibility_reason(robust) else f"; {outlier_hint(result, robust)}"
+    raise CalibError(f"dataset {result.dataset.name}: {doubt}{hint}; nothing was written, --force writes it anyway")
 
 
 def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[FitStep]) -> Session:

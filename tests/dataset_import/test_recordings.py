@@ -724,7 +724,7 @@ def motions_that_repeat(run: Run, folder: Path) -> list[str]:
 
 
 def two_sources(run: Run, folder: Path) -> list[str]:
-    names = ["time_s", *(f"q{k}_rad" for k in range(1, 7)), *(f"{s}_{a}_mm" for s in ("smr1", "smr2") for a in "xyz")]
+    names = ["time_s", *(f"q{k}_rad" for k in range(1, 7)), *(f"{s}_{a}_mm" for s in ("smr", "hand") for a in "xyz")]
     rows = together(run, [run.joint_s, *run.q.T], [*run.xyz_mm.T, *(run.xyz_mm.T + 30.0)])
     return ["--joints", str(write_csv(folder / "log.csv", names, rows))]
 
@@ -757,7 +757,7 @@ REFUSED: dict[str, tuple[Callable[[Run, Path], list[str]], tuple[str, ...]]] = {
     "damaged": (damaged, ("run.bag: cannot be read as a bag",)),
     "another run": (another_run, ("its motion is not that of",)),
     "motions that repeat": (motions_that_repeat, ("is ambiguous", "begin with a motion that comes once")),
-    "two sources": (two_sources, ("several sources of points, smr1, smr2", "log.csv#smr1")),
+    "two sources": (two_sources, ("several sources of points, smr, hand", "log.csv#smr")),
     "normalised states": (normalised, ("observation.state_q1", "is not told", "--map")),
     "no time": (no_time, ("no column of time", "q1_rad")),
 }
@@ -804,7 +804,7 @@ def test_a_damaged_bag_is_read_or_told_in_one_line(
 def test_what_was_named_is_taken(run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of two reflectors one is named, and a pose of the controller, where it is asked for, with a doubt."""
     log = two_sources(run, tmp_path)[1]
-    code, _, _ = imported(tmp_path, ["--joints", log, "--points", f"{log}#smr2"], capsys)
+    code, _, _ = imported(tmp_path, ["--joints", log, "--points", f"{log}#hand"], capsys)
     assert code == 0
     made = load_dataset(tmp_path / "made")
     assert made.points is not None

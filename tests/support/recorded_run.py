@@ -32,7 +32,7 @@ def robot_toml(names: tuple[str, ...] = NAMES) -> str:
     return "\n".join([*lines, "[tool]", f"xyz_mm = {list(TOOL_MM)}", ""])
 
 
-def tool_mm(q: Array, zero_deg: tuple[float, ...] = ZERO_DEG) -> Array:
+def tool_mm(q: Array, zero_deg: tuple[float, ...] = ZERO_DEG, tool: tuple[float, float, float] = TOOL_MM) -> Array:
     """Place (N, 3) of the measured point in the tracker's frame, for joints (N, 6) in radians."""
     out = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy()
     for k, (a, alpha, d, theta) in enumerate(ROWS):
@@ -44,7 +44,7 @@ def tool_mm(q: Array, zero_deg: tuple[float, ...] = ZERO_DEG) -> Array:
         step[:, 2, 1:] = sa, ca, d
         step[:, 3, 3] = 1.0
         out = out @ step
-    in_base = out[:, :3, :3] @ np.array(TOOL_MM) + out[:, :3, 3]
+    in_base = out[:, :3, :3] @ np.array(tool) + out[:, :3, 3]
     turn = np.radians(35.0)
     tracker = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(in_base @ tracker.T + np.array([900.0, -400.0, 250.0]))

@@ -1,0 +1,243 @@
+"""Several points measured at one pose: markers beside each other in a row, or rows of several targets.
+
+The point that was measured most often is the tool's, "jig"; the others become further targets of the robot, at the
+places on the arm where the nominal arm has them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.consistency.agreement import Sample, misfit_mm, nominal_places
+from calib.dataset_import.columns import AS_MAPPED, Column, Recognised, marker_columns
+from calib.dataset_import.reading import ImportReport
+from calib.dataset_import.units import LENGTHS_MM
+from calib.errors import visible
+from calib.frames import apply, best_fit_transform, invert
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import TOOL_POINT, Robot, Target
+from calib.kinematics.tool_point import tool_point_of, with_own_tool_point
+from calib.robot_formats.chain.five_parameters import vector
+from calib.text_files.csv_text import as_number
+from calib.text_files.user_table import UserTable, split_unit
+
+STANDS_STILL = 0.02  # of the widest point's spread, below which a point is not on the arm
+_SAME = 2e-3  # of the spread, up to which two columns hold one point that was measured twice
+_FEWEST = 8  # poses, by which the places of further targets are found
+_FIXED = 5.0  # times the misfit of the tool's point, up to which a target's place scatters on the link that carries it
+_FIXED_MM = 2.0
+_COMPUTED_MM = 5e-3  # rms to the nominal arm, below which no measured point is
+_LEAST_TOLERANCE_MM = 5.0
+_NAMED = 8
+
+
+def beside_each_other(meant: Recognised, names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+    """Columns x, y, z of each marker of a table with several in a row; {} where there is one, or --map names it."""
+    found = marker_columns(names)
+    chosen = tuple(meant.columns[axis].name for axis in "xyz" if axis in meant.columns)
+    told = any(meant.columns[axis].why == AS_MAPPED for axis in "xyz" if axis in meant.columns)
+    return {} if told or "target" in meant.columns or len(found) < 2 or chosen not in found.values() else found
+
+
+def in_rows(
+    report: ImportReport,
+    table: UserTable,
+    markers: dict[str, tuple[str, str, str]],
+    poses: Sequence[str],
+) -> tuple[UserTable, Recognised]:
+    """Table with a row for each marker of a pose in place of columns, and its recognised columns.
+
+    poses  # name of each row's pose
+    """  # fmt: skip
+    units = {label: {split_unit(name)[1] for name in columns} for label, columns in markers.items()}
+    is_mixed = len(set.union(*units.values())) > 1
+    if is_mixed and any(len(each) > 1 or not each <= LENGTHS_MM.keys() for each in units.values()):
+        report.fault(f"{table.path}: line 1: not all of its markers' columns have a unit; name it for all or for none")
+        is_mixed = False
+    unit = "mm" if is_mixed else next(iter(set.union(*units.values())))
+    rows, lines = [], []
+    for i, pose in enumerate(poses):
+        for label, columns in markers.items():
+            cells = tuple(table.rows[i][table.columns.index(name)] for name in columns)
+            if is_mixed:
+                cells = tuple(_in_mm(cell, LENGTHS_MM[next(iter(units[label]))]) for cell in cells)
+            if any(cells):
+                rows.append((pose, f"marker{label}" if label.isdigit() else label, *cells))
+                lines.append(table.lines[i])
+    report.notes.append(f"{table.path}: {len(markers)} markers are in a row: {visible(', '.join(markers))}")
+    names = ("pose", "target", *(f"{axis} [{unit}]" if unit else axis for axis in "xyz"))
+    meant = {"pose": Column("pose", "pose"), "target": Column("target", "target")}
+    meant |= {axis: Column(name, axis, unit) for axis, name in zip("xyz", names[2:], strict=True)}
+    path = table.path.with_name(f"{table.path.name} (points)")
+    made = UserTable(path, names, tuple(rows), tuple(lines), has_header=True)
+    return made, Recognised(meant, (), ())
+
+
+def _in_mm(cell: str, unit_mm: float) -> str:
+    value = as_number(cell)
+    return cell if value is None else repr(unit_mm * value)
+
+
+def with_tool_named(report: ImportReport, table: UserTable, meant: Recognised, robot: Robot) -> UserTable:
+    """Table of several targets without those that stand still, the most often measured one named "jig".
+
+    Two that are one point are repeats of one target. Targets that robot.toml knows keep their names.
+    """
+    targets, column = table.text(meant.columns["target"].name), meant.columns["target"].name
+    known = {target.name for target in robot.targets} | {TOOL_POINT}
+    if robot.carries_scanner or set(targets) <= known:
+        return table
+    xyz = _places(table, meant)
+    poses = table.text(meant.columns["pose"].name) if "pose" in meant.columns else list(map(str, range(len(table))))
+    of_each = {name: {p: i for i, (p, t) in enumerate(zip(poses, targets, strict=True)) if t == name}
+               for name in dict.fromkeys(targets)}  # fmt: skip
+    spreads = {name: _spread(xyz[list(rows.values())]) for name, rows in of_each.items()}
+    widest = max(spreads.values())
+    still = [name for name, spread in spreads.items() if spread < STANDS_STILL * widest]
+    if still:
+        report.notes.append(f"{table.path}: points that stand still are left out: {visible(', '.join(still[:_NAMED]))}")
+    counts = Counter(target for target in targets if target not in still)
+    main = counts.most_common(1)[0][0]
+    new = {name: name for name in counts}
+    for name in counts:
+        both = [(rows[p], i) for rows in (of_each[main],) for p, i in of_each[name].items() if p in rows]
+        apart = [float(np.linalg.norm(xyz[i] - xyz[j])) for i, j in both]
+        if name != main and name not in known and len(apart) > 1 and max(apart) < _SAME * widest:
+            new[name] = main
+    same = [name for name in new if new[name] != name]
+    if same:
+        report.notes.append(
+            f"{table.path}: {visible(', '.join(same))} are at the place of {visible(main)}: repeats of it"
+        )
+    if not set(counts) & known:
+        others = list(dict.fromkeys(name for name in new.values() if name != main))
+        report.notes.append(
+            f"{table.path}: the tool's point, jig, is {visible(main)}"
+            + (f"; further targets are {visible(', '.join(others[:_NAMED]))}" if others else "")
+            + f"; for another choice remove the rows or columns of the others, or name it {TOOL_POINT}"
+        )
+        new = {name: TOOL_POINT if to == main else to for name, to in new.items()}
+    k = table.columns.index(column)
+    kept = [i for i, target in enumerate(targets) if target in new]
+    table = table.of_rows(kept)
+    named = (new[targets[i]] for i in kept)
+    return replace(table, rows=tuple((*r[:k], name, *r[k + 1 :]) for r, name in zip(table.rows, named, strict=True)))
+
+
+def with_targets(
+    report: ImportReport,
+    robot: Robot,
+    table: UserTable,
+    meant: Recognised,
+    row_of: Sequence[int],
+    q: Array,
+    xyz_mm: Array,
+    station: Sequence[str],
+) -> tuple[Robot, list[int]]:
+    """Robot with the targets that a table names and it does not have, and the rows of the table that are kept.
+
+    A target's place is the median of where the nominal arm has it, with the frame and the tool's point that fit best.
+    One that is fixed to no link is left out, as is one that was computed from the joints.
+
+    Args:
+        row_of: row of joints of each point; -1 where there is none.
+        q: (N, n) joint values, rad and mm.
+        xyz_mm: (M, 3) points.
+        station: setup of each row of joints; [] for one.
+    """  # fmt: skip
+    names = np.array(table.text(meant.columns["target"].name))
+    known = {target.name for target in robot.targets} | {TOOL_POINT}
+    missing = [name for name in dict.fromkeys(names.tolist()) if name not in known]
+    everything = list(range(len(names)))
+    if not missing or robot.carries_scanner:
+        return robot, everything
+    row = np.asarray(row_of, dtype=int)
+    usable = (row >= 0) & np.isfinite(xyz_mm).all(axis=1)
+    usable[usable] &= np.isfinite(q[row[usable]]).all(axis=1)
+    groups = np.unique(station, return_inverse=True)[1] if len(station) else np.zeros(len(q), dtype=np.int64)
+    main = Counter(names[usable].tolist()).most_common(1)[0][0]
+    rows = np.flatnonzero(usable & (names == main))
+    if len(rows) < _FEWEST:
+        report.fault(
+            f"{table.path}: {main!r} was measured at {len(rows)} poses, too few to find where "
+            f"{visible(', '.join(missing))} are on the arm; add [[targets]] with their "
+            "names and xyz_mm to a robot.toml, or leave out their rows"
+        )
+        return robot, everything
+    q = robot.joints_of(q)
+    sample = Sample(q[row[rows]], xyz_mm[rows], groups[row[rows]])
+    misfit, base_mm = nominal_places(robot, sample)
+    base_T_scanner = {
+        sample.group[of_group[0]]: invert(best_fit_transform(base_mm[of_group], sample.points_mm[of_group]))
+        for of_group in sample.groups
+        if len(of_group) > 2
+    }
+    found: list[Target] = []
+    dropped: dict[str, str] = {}
+    for name in missing:
+        rows = np.flatnonzero(usable & (names == name))
+        rows = rows[np.isin(groups[row[rows]], list(base_T_scanner))]
+        if not len(rows):
+            dropped[name] = "is at no pose of the others"
+            continue
+        in_base = np.array([apply(base_T_scanner[groups[row[i]]], xyz_mm[i]) for i in rows])
+        scatter, place, joint = _on_link(robot, q[row[rows]], in_base)
+        if scatter > max(_FIXED * misfit, _FIXED_MM):
+            dropped[name] = f"is fixed to no link of this arm (it scatters by {scatter:.3g} mm at best)"
+        elif misfit > _COMPUTED_MM > misfit_mm(robot, Sample(q[row[rows]], xyz_mm[rows], groups[row[rows]])):
+            dropped[name] = "is computed from the joints and not measured"
+        else:
+            tolerance_mm = max(_LEAST_TOLERANCE_MM, 2.0 * scatter, 2.0 * misfit)
+            found.append(Target(name, vector(np.round(place, 3)), round(tolerance_mm, 1), joint))
+    for name, why in dropped.items():
+        report.doubts.append(f"{table.path}: target {visible(name)} {why}; it is left out")
+    if found:
+        told = "; ".join(
+            f"{visible(t.name)} at {', '.join(f'{v:.1f}' for v in t.xyz_mm)} mm in the frame of joint "
+            f"{t.joint or robot.n_joints}"
+            for t in found[:_NAMED]
+        )
+        report.notes.append(
+            f"{table.path}: places of targets by the nominal arm, from which the fit moves them: {told}"
+        )
+    if main == TOOL_POINT:
+        _, tool_mm, _ = _on_link(robot, sample.q, base_mm, last=True)
+        off_mm = float(np.linalg.norm(tool_mm - tool_point_of(robot)))
+        if off_mm > max(_LEAST_TOLERANCE_MM, 2.0 * misfit):
+            robot = with_own_tool_point(robot, np.round(tool_mm, 3))
+            at = ", ".join(f"{v:.1f}" for v in tool_mm)
+            report.notes.append(
+                f"{table.path}: jig is at {at} mm in the frame of joint {robot.n_joints}, {off_mm:.3g} mm from where "
+                "the robot's file ends, and is written there"
+            )
+    return replace(robot, targets=(*robot.targets, *found)), [i for i in everything if names[i] not in dropped]
+
+
+def _on_link(robot: Robot, q: Array, in_base_mm: Array, *, last: bool = False) -> tuple[float, Array, int | None]:
+    """Scatter, place (3,) and joint of the link on which points (N, 3) scatter least; None for the last link."""
+    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    best: tuple[float, Array, int | None] = (np.inf, np.zeros(3), None)
+    for k in range(robot.n_joints, robot.n_joints - 1 if last else 0, -1):
+        frame = chain.base_T_frame[:, k]
+        local = np.einsum("nji,nj->ni", frame[:, :3, :3], in_base_mm - frame[:, :3, 3])
+        place = np.median(local, axis=0)
+        scatter = float(np.sqrt(np.mean(np.sum((local - place) ** 2, axis=1))))
+        if scatter < (1.0 if best[2] is None and not np.isfinite(best[0]) else 0.5) * best[0]:
+            best = (scatter, place, None if k == robot.n_joints else k)
+    return best
+
+
+def _places(table: UserTable, meant: Recognised) -> Array:
+    """Coordinates (M, 3) of a table; NaN for cells without a number."""
+    cells = [table.text(meant.columns[axis].name) for axis in "xyz"]
+    return np.array([[np.nan if (v := as_number(c)) is None else v for c in column] for column in cells]).T
+
+
+def _spread(xyz: Array) -> float:
+    known = xyz[np.isfinite(xyz).all(axis=1)]
+    return float(np.sqrt(np.mean(np.sum((known - np.median(known, axis=0)) ** 2, axis=1)))) if len(known) else 0.0
