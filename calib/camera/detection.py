@@ -24,6 +24,7 @@ from calib.camera.marker_corners import refined_corners
 from calib.camera.observed import IMAGE_SUFFIXES
 from calib.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
 from calib.errors import CalibError
+from calib.progress import OnProgress
 
 _FEWEST = 6  # corners of a view; a single marker has four
 _FEWEST_VIEWS = 8  # for a lens that is found
@@ -32,6 +33,7 @@ _SETTLED = (3, 60, 1e-4)  # of cornerSubPix: at most 60 rounds, until a corner m
 _FEW_SHOW = 0.3  # share of the images
 _TRIED = 6  # images in which dictionaries are compared
 _COMPARED_PX = 1600  # longest side of these
+_SOUGHT_PX = 1200  # longest side of an image in which a checkerboard is sought
 _ORDERED_BY = 3  # markers of an image that tells their order on the board
 _OTHER_ORDER = 5.0  # ratio of misfits from which it is clear that it is not OpenCV's
 _DICTIONARIES = {
@@ -96,10 +98,12 @@ def natural(name: str) -> tuple[tuple[int, int, str], ...]:
     return (*parts, (1, 0, word))
 
 
-def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = None) -> Detected:
+def detect(
+    images: Mapping[str, Path], board: Board, dictionary: str | None = None, on_progress: OnProgress | None = None
+) -> Detected:
     """Corners of a board in images, each named by its pose; images that cannot be read or of another size are left out.
 
-    Raises CalibError where most images have no common size, or none shows the board.
+    `on_progress` is called with (done, total, file name) after each image. Raises CalibError where most images have no common size, or none shows the board.
     """
     cv2 = opencv()
     pictures, size_px, left_out = _pictures(cv2, images)
@@ -107,8 +111,10 @@ def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = No
     fewest = 4 if board.is_single else min(_FEWEST, len(board.corners_mm))
     views = []
     most = 0
-    for name, picture in pictures.items():
+    for done, (name, picture) in enumerate(pictures.items(), 1):
         number, pixels = finder(picture)
+        if on_progress is not None:
+            on_progress(done, len(pictures), images[name].name)
         most = max(most, len(number))
         if len(number) < fewest or _on_one_line(board.corners_mm[number]):
             none = f"does not show the {'whole ' if board.kind == 'checkerboard' else ''}board"
@@ -238,7 +244,8 @@ def _finder(
     if board.kind == "charuco":
         return _charuco_finder(cv2, board, name, legacy), notes
     finder = _marker_finder(cv2, board, name)
-    order, note = _order_on_board(cv2, board, [finder(picture) for picture in tried])
+    rough = _marker_finder(cv2, board, name, is_rough=True)
+    order, note = _order_on_board(cv2, board, [rough(picture) for picture in tried])
     return (lambda picture: _renumbered(finder(picture), order)), (*notes, *note)
 
 
@@ -247,14 +254,14 @@ def _dictionary(
 ) -> tuple[str, bool, tuple[str, ...]]:
     """Name of the dictionary by which most of the board is seen, whether in the old pattern, and notes on it."""
     best, most = (names[0], False), 0
-    small = [_shrunk(cv2, picture) for picture in tried]
+    small = [_shrunk(cv2, picture, _COMPARED_PX) for picture in tried]
     for pictures in (small, tried):
         for name in names:
             for legacy in (False, True) if board.kind == "charuco" and board.rows % 2 == 0 else (False,):
                 if board.kind == "charuco":
                     finder = _charuco_finder(cv2, board, name, legacy)
                 else:
-                    finder = _marker_finder(cv2, board, name)
+                    finder = _marker_finder(cv2, board, name, is_rough=True)
                 count = sum(len(finder(picture)[0]) for picture in pictures)
                 if count > most:
                     best, most = (name, legacy), count
@@ -266,9 +273,9 @@ def _dictionary(
     return name, legacy, (note,) if note and most else ()
 
 
-def _shrunk(cv2: ModuleType, picture: Array) -> Array:
-    """An image in which dictionaries are compared: photos of many megapixels are made smaller."""
-    share = _COMPARED_PX / max(picture.shape)
+def _shrunk(cv2: ModuleType, picture: Array, longest_px: int) -> Array:
+    """An image of at most so many pixels along its longest side: photos of many megapixels take long to search."""
+    share = longest_px / max(picture.shape)
     return picture if share >= 1.0 else cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
 
 
@@ -312,8 +319,10 @@ def _markers(cv2: ModuleType, name: str) -> Callable[[Array], list[tuple[int, Ar
     return markers
 
 
-def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None = None) -> Finder:
-    """Finder of a grid of markers of a dictionary, or of one marker with a number."""
+def _marker_finder(
+    cv2: ModuleType, board: Board, name: str, meant: int | None = None, *, is_rough: bool = False
+) -> Finder:
+    """Finder of a grid of markers of a dictionary, or of one marker with a number; a rough one leaves OpenCV's corners."""
     markers = _markers(cv2, name)
 
     def finder(picture: Array) -> tuple[IndexArray, Array]:
@@ -324,7 +333,8 @@ def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None =
         number = [4 * one + k for one, _ in seen for k in range(4)]
         if not number or len(number) != len(set(number)):  # several markers alike: which is meant is not known
             return _none()
-        return np.array(number), np.concatenate([refined_corners(cv2, picture, four) for _, four in seen])
+        corners = [four if is_rough else refined_corners(cv2, picture, four) for _, four in seen]
+        return np.array(number), np.concatenate(corners)
 
     return finder
 
@@ -409,10 +419,16 @@ def _checkerboard(cv2: ModuleType, board: Board) -> Finder:
     inner = (board.columns - 1, board.rows - 1)
 
     def finder(picture: Array) -> tuple[IndexArray, Array]:
-        seen, pixels = cv2.findChessboardCornersSB(picture, inner, flags=cv2.CALIB_CB_ACCURACY)
-        if not seen:
+        # Its time grows with the pixels, fourfold with its own enlarging, which small squares need.
+        for longest_px, how in ((_SOUGHT_PX, 0), (_COMPARED_PX, cv2.CALIB_CB_ACCURACY)):
+            small = _shrunk(cv2, picture, longest_px)
+            seen, pixels = cv2.findChessboardCornersSB(small, inner, flags=how)
+            if seen:
+                break
+        else:
             return _none()
         grid = np.asarray(pixels, dtype=float).reshape(board.rows - 1, board.columns - 1, 2)
+        grid = (grid + 0.5) * (picture.shape[1] / small.shape[1]) - 0.5
         # OpenCV's sector-based corners of one image are off by a common 0.015 pixels, at a tilt; refined, by 0.004.
         steps = [np.median(np.linalg.norm(np.diff(grid, axis=axis), axis=2)) for axis in (0, 1)]
         reach = max(2, round(_REFINED_OVER * float(min(steps))))

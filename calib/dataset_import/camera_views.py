@@ -11,6 +11,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import calibrate
 from calib.calibration.reprojection import full_pose_errors
 from calib.camera.ball import SeenBall, balls_in
@@ -29,6 +30,7 @@ from calib.kinematics.ball_hand_eye import ball_hand_eye
 from calib.kinematics.board_hand_eye import board_hand_eye
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
+from calib.progress import OnProgress
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable
 
@@ -143,7 +145,10 @@ def ids_of(table: UserTable, mapping: Mapping[str, Meaning], robot: Robot | None
     return pose_ids(ImportReport(None), table, meant)
 
 
-def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) -> CameraPoints:
+@one_blas_thread()
+def camera_points(
+    choice: CameraChoice, table: UserTable, ids: Sequence[str], on_progress: OnProgress | None = None
+) -> CameraPoints:
     """Board poses from images or marker poses, by the ids of the rows of the arm's table. Raises CalibError."""
     if choice.marker_poses is not None:
         return _of_marker_poses(choice, table, ids)
@@ -173,7 +178,7 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
             np.stack([ball.covariance for ball in seen.values()]),
             None, None, choice.mount, (*notes, *told), ball=board.text,
         )  # fmt: skip
-    detected = detect(kept, board, choice.dictionary)
+    detected = detect(kept, board, choice.dictionary, on_progress)
     measured = measure(detected, lens)
     told = _told(choice, detected, measured)
     board_sigma = choice.board_sigma or 0.0
