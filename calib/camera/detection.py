@@ -103,7 +103,8 @@ def detect(
 ) -> Detected:
     """Corners of a board in images, each named by its pose; images that cannot be read or of another size are left out.
 
-    `on_progress` is called with (done, total, file name) after each image. Raises CalibError where most images have no common size, or none shows the board.
+    `on_progress` is called with (done, total, file name) after each image. Raises CalibError where most images have no
+    common size, or none shows the board.
     """
     cv2 = opencv()
     pictures, size_px, left_out = _pictures(cv2, images)
@@ -322,7 +323,7 @@ def _markers(cv2: ModuleType, name: str) -> Callable[[Array], list[tuple[int, Ar
 def _marker_finder(
     cv2: ModuleType, board: Board, name: str, meant: int | None = None, *, is_rough: bool = False
 ) -> Finder:
-    """Finder of a grid of markers of a dictionary, or of one marker with a number; a rough one leaves OpenCV's corners."""
+    """Finder of a grid of markers of a dictionary, or of one with a number; a rough one keeps OpenCV's corners."""
     markers = _markers(cv2, name)
 
     def finder(picture: Array) -> tuple[IndexArray, Array]:
