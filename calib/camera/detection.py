@@ -19,6 +19,7 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.camera.board import Board, board_of
 from calib.camera.board_bend import bent, board_bend
+from calib.camera.focus import Focus, focus_of_views, refocused
 from calib.camera.lens import LENS_NAMES, Lens, project
 from calib.camera.marker_corners import refined_corners
 from calib.camera.observed import IMAGE_SUFFIXES
@@ -42,6 +43,7 @@ _DICTIONARIES = {
     "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
 }
 _ROUNDS = 3  # in which bad corners are left out
+_FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with it
 _FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
 _MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
 _TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
@@ -465,22 +467,57 @@ class MeasuredViews:
     left_out: Mapping[str, str]  # the reason by the name of the pose
     bad_corners: int = 0  # that lie far from where all others put them, and are left out
     sag_mm: float = 0.0  # range of the corners' heights over a plane, where the board is bent
+    focus: Focus | None = None  # of each image, where it differs; the views' pixels are free of it
 
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
     cv2 = opencv()
-    width, height = detected.size_px
-    if given is not None and given.size_px != (width, height):
+    if given is not None and given.size_px != detected.size_px:
         raise wrong_resolution(given, detected.size_px, ", or leave them out")
-    views, bad_corners = detected.views, 0
+    fitted = _fitted(cv2, detected, given)
+    focus: Focus | None = None
+    for _ in range(_ROUNDS):
+        focus = focus_of_views(fitted.lens, [best for best, _ in fitted.both], fitted.sigma_px, focus)
+        if focus is None:
+            break
+        views = refocused(detected.views, fitted.lens, focus)
+        fitted = _fitted(cv2, replace(detected, views=views), given)
+    poses, left_out = [], dict(fitted.left_out)
+    for best, rival in fitted.both:
+        if rival is not None and rival.squares - best.squares < _TWO_WAYS * fitted.sigma_px**2:
+            left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
+        else:
+            poses.append(best)
+    if not poses:
+        raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
+    lens = fitted.lens
+    if focus is not None and lens.covariance is not None:
+        # The images' own focal lengths take at most as much from the lens as the images tell of it.
+        lens = replace(lens, covariance=2.0 * lens.covariance)
+    return MeasuredViews(lens, tuple(poses), fitted.sigma_px, left_out, fitted.bad_corners, fitted.sag_mm, focus)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    lens: Lens
+    sigma_px: float
+    both: list[tuple[ViewPose, ViewPose | None]]  # best and second pose of each view
+    bad_corners: int
+    left_out: Mapping[str, str]
+    sag_mm: float
+
+
+def _fitted(cv2: ModuleType, detected: Detected, given: Lens | None) -> _Fitted:
+    """Lens and poses of the views without bad corners, and on a board that is bent as the images show it."""
+    views, left_out = detected.views, {}
     lens, sigma_px, both = _lens_and_poses(cv2, detected, given)
     for _ in range(_ROUNDS):
-        kept = _without_bad_corners([best for best, _ in both])
-        gone = sum(len(view.corner) for view in views) - sum(len(view.corner) for view in kept)
-        if not gone:
+        kept, hopeless = _without_bad_corners(lens, [best for best, _ in both])
+        if not kept or sum(len(view.corner) for view in views) == sum(len(view.corner) for view in kept):
             break
-        views, bad_corners = tuple(kept), bad_corners + gone
+        views = tuple(kept)
+        left_out.update(dict.fromkeys(hopeless, "its corners do not lie as on the board: is something in front of it?"))
         lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
     sag_mm = 0.0
     for _ in range(_ROUNDS):
@@ -490,15 +527,8 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
         views = tuple(bent(view, detected.board, bend) for view in views)
         sag_mm = float(np.ptp([height for view in views for height in view.board_mm[:, 2]]))
         lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
-    poses, left_out = [], {}
-    for best, rival in both:
-        if rival is not None and rival.squares - best.squares < _TWO_WAYS * sigma_px**2:
-            left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
-        else:
-            poses.append(best)
-    if not poses:
-        raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
-    return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners, sag_mm)
+    seen = sum(len(view.corner) for view in detected.views if view.pose not in left_out)
+    return _Fitted(lens, sigma_px, both, seen - sum(len(view.corner) for view in views), left_out, sag_mm)
 
 
 def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "") -> CalibError:
@@ -521,17 +551,27 @@ def _lens_and_poses(
     return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
 
 
-def _without_bad_corners(poses: Sequence[ViewPose]) -> list[View]:
-    """Views without the corners that lie far from where the board's pose puts them, by the median of all errors."""
+def _without_bad_corners(lens: Lens, poses: Sequence[ViewPose]) -> tuple[list[View], list[str]]:
+    """Views without the corners that lie far from where the board's pose puts them, by the median of all errors.
+
+    The farthest go first, as they pull the pose from the others. Also the poses whose image has too few others.
+    """
     usual = float(np.median(np.abs(np.concatenate([one.error_px.ravel() for one in poses])))) / _MEDIAN_OF_NORMAL
-    kept = []
+    most_px = _FAR_OFF * max(usual, 1e-6)
+    numbers = np.array(lens.numbers)
+    kept, hopeless = [], []
     for one in poses:
-        good = np.linalg.norm(one.error_px, axis=1) <= _FAR_OFF * max(usual, 1e-6)
-        view = one.view
-        if not good.all() and good.sum() >= max(_FEWEST, len(good) // 2):
+        view, fewest = one.view, max(_FEWEST, len(one.view.corner) // 2)
+        while len(view.corner) > 4 and (far_px := np.linalg.norm(one.error_px, axis=1)).max() > most_px:
+            good = far_px <= max(most_px, _FARTHEST * float(far_px.max()))
+            if good.sum() < fewest:
+                hopeless.append(view.pose)
+                break
             view = View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good])
-        kept.append(view)
-    return kept
+            one = pose_of_view(numbers, view, one.camera_T_board)
+        else:
+            kept.append(view)
+    return kept, hopeless
 
 
 def _first_lens(cv2: Any, detected: Detected) -> Lens:

@@ -17,6 +17,7 @@ from calib.calibration.reprojection import full_pose_errors
 from calib.camera.ball import SeenBall, balls_in
 from calib.camera.board import Board, board_of
 from calib.camera.detection import Detected, MeasuredViews, detect, image_files, measure, natural
+from calib.camera.focus import focus_errors
 from calib.camera.intrinsics import load_lens
 from calib.camera.marker_poses import load_marker_poses
 from calib.camera.observed import CameraViews
@@ -198,7 +199,8 @@ def camera_points(
     return CameraPoints(
         names,
         np.stack([one.camera_T_board for one in measured.poses]),
-        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses]),
+        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses])
+        + (0.0 if measured.focus is None else focus_errors(measured.lens, measured.poses, measured.focus)),
         shared_errors(measured.lens, measured.poses, board_sigma),
         views,
         choice.mount,
@@ -255,6 +257,12 @@ def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> 
         notes.append(
             f"the board is bent: its corners lie {measured.sag_mm:.2g} mm apart across its plane, by the images; that "
             "is counted, and a flat one would be better: glue it to glass or aluminium"
+        )
+    if measured.focus is not None:
+        notes.append(
+            f"the focal length differs from image to image, by {100.0 * measured.focus.spread:.2g} % (standard "
+            "deviation), as of a camera that focuses anew: each image's own is found from its perspective, its corners "
+            "are kept as the common lens would see them, and distances are less exact for it; lock the camera's focus"
         )
     lens, sigma = measured.lens, measured.lens.sigmas
     if choice.intrinsics is None:
