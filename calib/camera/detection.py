@@ -482,7 +482,7 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
         if focus is None:
             break
         views = refocused(detected.views, fitted.lens, focus)
-        fitted = _fitted(cv2, replace(detected, views=views), given)
+        fitted = _fitted(cv2, replace(detected, views=views), given, fitted.lens)
     poses, left_out = [], dict(fitted.left_out)
     for best, rival in fitted.both:
         if rival is not None and rival.squares - best.squares < _TWO_WAYS * fitted.sigma_px**2:
@@ -508,17 +508,21 @@ class _Fitted:
     sag_mm: float
 
 
-def _fitted(cv2: ModuleType, detected: Detected, given: Lens | None) -> _Fitted:
-    """Lens and poses of the views without bad corners, and on a board that is bent as the images show it."""
+def _fitted(cv2: ModuleType, detected: Detected, given: Lens | None, start: Lens | None = None) -> _Fitted:
+    """Lens and poses of the views without bad corners, and on a board that is bent as the images show it.
+
+    A lens to be found is sought from a start, or from OpenCV's.
+    """
     views, left_out = detected.views, {}
-    lens, sigma_px, both = _lens_and_poses(cv2, detected, given)
+    whole = {view.pose: view for view in views}
+    lens, sigma_px, both = _lens_and_poses(cv2, detected, given, start)
     for _ in range(_ROUNDS):
-        kept, hopeless = _without_bad_corners(lens, [best for best, _ in both])
-        if not kept or sum(len(view.corner) for view in views) == sum(len(view.corner) for view in kept):
+        kept, hopeless = _without_bad_corners(lens, [best for best, _ in both], whole)
+        if not kept or [len(view.corner) for view in views] == [len(view.corner) for view in kept]:
             break
         views = tuple(kept)
         left_out.update(dict.fromkeys(hopeless, "its corners do not lie as on the board: is something in front of it?"))
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens)
     sag_mm = 0.0
     for _ in range(_ROUNDS):
         bend = board_bend(detected.board, lens, [best for best, _ in both], sigma_px)
@@ -526,7 +530,7 @@ def _fitted(cv2: ModuleType, detected: Detected, given: Lens | None) -> _Fitted:
             break
         views = tuple(bent(view, detected.board, bend) for view in views)
         sag_mm = float(np.ptp([height for view in views for height in view.board_mm[:, 2]]))
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens)
     seen = sum(len(view.corner) for view in detected.views if view.pose not in left_out)
     return _Fitted(lens, sigma_px, both, seen - sum(len(view.corner) for view in views), left_out, sag_mm)
 
@@ -540,21 +544,24 @@ def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "")
 
 
 def _lens_and_poses(
-    cv2: Any, detected: Detected, given: Lens | None
+    cv2: Any, detected: Detected, given: Lens | None, start: Lens | None
 ) -> tuple[Lens, float, list[tuple[ViewPose, ViewPose | None]]]:
     """Lens, pixel noise, and the best and second pose of each view."""
     if given is not None:
         both = [_best_pose(cv2, given, view) for view in detected.views]
         return given, noise_px([best for best, _ in both]), both
-    start = _first_lens(cv2, detected)
+    start = start or _first_lens(cv2, detected)
     found: FoundLens = found_lens(start, [_best_pose(cv2, start, view)[0] for view in detected.views])
     return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
 
 
-def _without_bad_corners(lens: Lens, poses: Sequence[ViewPose]) -> tuple[list[View], list[str]]:
+def _without_bad_corners(
+    lens: Lens, poses: Sequence[ViewPose], whole: Mapping[str, View]
+) -> tuple[list[View], list[str]]:
     """Views without the corners that lie far from where the board's pose puts them, by the median of all errors.
 
-    The farthest go first, as they pull the pose from the others. Also the poses whose image has too few others.
+    The farthest go first, as they pull the pose from the others; of the whole view those that fit the pose then come
+    back. Also the poses whose image has too few that do.
     """
     usual = float(np.median(np.abs(np.concatenate([one.error_px.ravel() for one in poses])))) / _MEDIAN_OF_NORMAL
     most_px = _FAR_OFF * max(usual, 1e-6)
@@ -570,7 +577,10 @@ def _without_bad_corners(lens: Lens, poses: Sequence[ViewPose]) -> tuple[list[Vi
             view = View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good])
             one = pose_of_view(numbers, view, one.camera_T_board)
         else:
-            kept.append(view)
+            view, pose = whole[view.pose], one.camera_T_board
+            off_px = view.pixels - project(numbers, view.board_mm @ pose[:3, :3].T + pose[:3, 3])
+            good = np.linalg.norm(off_px, axis=1) <= most_px
+            kept.append(View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good]))
     return kept, hopeless
 
 
