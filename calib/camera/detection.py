@@ -43,6 +43,7 @@ _DICTIONARIES = {
     "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
 }
 _ROUNDS = 3  # in which bad corners are left out
+_FOCUS_ROUNDS = 2  # it converges quadratically
 _FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with it
 _FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
 _MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
@@ -477,12 +478,12 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
         raise wrong_resolution(given, detected.size_px, ", or leave them out")
     fitted = _fitted(cv2, detected, given)
     focus: Focus | None = None
-    for _ in range(_ROUNDS):
+    for _ in range(_FOCUS_ROUNDS):
         focus = focus_of_views(fitted.lens, [best for best, _ in fitted.both], fitted.sigma_px, focus)
         if focus is None:
             break
         views = refocused(detected.views, fitted.lens, focus)
-        fitted = _fitted(cv2, replace(detected, views=views), given, fitted.lens)
+        fitted = _fitted(cv2, replace(detected, views=views), given, fitted.lens, own_focus=True)
     poses, left_out = [], dict(fitted.left_out)
     for best, rival in fitted.both:
         if rival is not None and rival.squares - best.squares < _TWO_WAYS * fitted.sigma_px**2:
@@ -491,11 +492,7 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
             poses.append(best)
     if not poses:
         raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
-    lens = fitted.lens
-    if focus is not None and lens.covariance is not None:
-        # The images' own focal lengths take at most as much from the lens as the images tell of it.
-        lens = replace(lens, covariance=2.0 * lens.covariance)
-    return MeasuredViews(lens, tuple(poses), fitted.sigma_px, left_out, fitted.bad_corners, fitted.sag_mm, focus)
+    return MeasuredViews(fitted.lens, tuple(poses), fitted.sigma_px, left_out, fitted.bad_corners, fitted.sag_mm, focus)
 
 
 @dataclass(frozen=True)
@@ -508,21 +505,23 @@ class _Fitted:
     sag_mm: float
 
 
-def _fitted(cv2: ModuleType, detected: Detected, given: Lens | None, start: Lens | None = None) -> _Fitted:
+def _fitted(
+    cv2: ModuleType, detected: Detected, given: Lens | None, start: Lens | None = None, own_focus: bool = False
+) -> _Fitted:
     """Lens and poses of the views without bad corners, and on a board that is bent as the images show it.
 
-    A lens to be found is sought from a start, or from OpenCV's.
+    A lens to be found is sought from a start, or from OpenCV's, with `own_focus` as `found_lens` does.
     """
     views, left_out = detected.views, {}
     whole = {view.pose: view for view in views}
-    lens, sigma_px, both = _lens_and_poses(cv2, detected, given, start)
+    lens, sigma_px, both = _lens_and_poses(cv2, detected, given, start, own_focus)
     for _ in range(_ROUNDS):
         kept, hopeless = _without_bad_corners(lens, [best for best, _ in both], whole)
         if not kept or [len(view.corner) for view in views] == [len(view.corner) for view in kept]:
             break
         views = tuple(kept)
         left_out.update(dict.fromkeys(hopeless, "its corners do not lie as on the board: is something in front of it?"))
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens)
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens, own_focus)
     sag_mm = 0.0
     for _ in range(_ROUNDS):
         bend = board_bend(detected.board, lens, [best for best, _ in both], sigma_px)
@@ -530,7 +529,7 @@ def _fitted(cv2: ModuleType, detected: Detected, given: Lens | None, start: Lens
             break
         views = tuple(bent(view, detected.board, bend) for view in views)
         sag_mm = float(np.ptp([height for view in views for height in view.board_mm[:, 2]]))
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens)
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens, own_focus)
     seen = sum(len(view.corner) for view in detected.views if view.pose not in left_out)
     return _Fitted(lens, sigma_px, both, seen - sum(len(view.corner) for view in views), left_out, sag_mm)
 
@@ -544,14 +543,15 @@ def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "")
 
 
 def _lens_and_poses(
-    cv2: Any, detected: Detected, given: Lens | None, start: Lens | None
+    cv2: Any, detected: Detected, given: Lens | None, start: Lens | None, own_focus: bool
 ) -> tuple[Lens, float, list[tuple[ViewPose, ViewPose | None]]]:
     """Lens, pixel noise, and the best and second pose of each view."""
     if given is not None:
         both = [_best_pose(cv2, given, view) for view in detected.views]
         return given, noise_px([best for best, _ in both]), both
     start = start or _first_lens(cv2, detected)
-    found: FoundLens = found_lens(start, [_best_pose(cv2, start, view)[0] for view in detected.views])
+    poses = [_best_pose(cv2, start, view)[0] for view in detected.views]
+    found: FoundLens = found_lens(start, poses, own_focus=own_focus)
     return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
 
 

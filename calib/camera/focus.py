@@ -2,7 +2,7 @@
 
 With s the share by which an image's focal length is longer than that of all, its pixels are c + (1 + s)(p - c), c the
 principal point and p those of the common lens. The board's pose takes most of it up as a distance; by its perspective,
-where it is tilted, an image still tells s, which is normal about 0 over the images, as a random effect.
+where it is tilted, an image still tells s, which is normal about its mean over the images, a random effect.
 """
 
 from __future__ import annotations
@@ -43,14 +43,15 @@ def focus_of_views(lens: Lens, poses: Sequence[ViewPose], sigma_px: float, befor
         variance[k] = sigma_px**2 / float(apart @ apart)
         total[k] = apart @ one.error_px.ravel() * variance[k] / sigma_px**2
         total[k] += 0.0 if before is None else before.deviation[one.view.pose]
-    total -= np.average(total, weights=1.0 / variance)
-    spread_squared = max(float(np.average(total**2 - variance, weights=1.0 / variance)), 0.0)
-    if before is None and (float(np.mean(total**2 / variance)) < _CLEAR or spread_squared < _LEAST**2):
+    mean = float(np.average(total, weights=1.0 / variance))
+    apart_squared = (total - mean) ** 2
+    spread_squared = max(float(np.average(apart_squared - variance, weights=1.0 / variance)), 0.0)
+    if before is None and (float(np.mean(apart_squared / variance)) < _CLEAR or spread_squared < _LEAST**2):
         return None
     share = spread_squared / (spread_squared + variance)
     names = [one.view.pose for one in poses]
     return Focus(
-        dict(zip(names, (share * total).tolist(), strict=True)),
+        dict(zip(names, (mean + share * (total - mean)).tolist(), strict=True)),
         dict(zip(names, np.sqrt(share * variance).tolist(), strict=True)),
         float(np.sqrt(spread_squared)),
     )
