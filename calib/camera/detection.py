@@ -19,11 +19,13 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.camera.board import Board, board_of
 from calib.camera.board_bend import bent, board_bend
+from calib.camera.focus import Focus, focus_of_views, refocused
 from calib.camera.lens import LENS_NAMES, Lens, project
 from calib.camera.marker_corners import refined_corners
 from calib.camera.observed import IMAGE_SUFFIXES
 from calib.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
 from calib.errors import CalibError
+from calib.progress import OnProgress
 
 _FEWEST = 6  # corners of a view; a single marker has four
 _FEWEST_VIEWS = 8  # for a lens that is found
@@ -32,6 +34,7 @@ _SETTLED = (3, 60, 1e-4)  # of cornerSubPix: at most 60 rounds, until a corner m
 _FEW_SHOW = 0.3  # share of the images
 _TRIED = 6  # images in which dictionaries are compared
 _COMPARED_PX = 1600  # longest side of these
+_SOUGHT_PX = 1200  # longest side of an image in which a checkerboard is sought
 _ORDERED_BY = 3  # markers of an image that tells their order on the board
 _OTHER_ORDER = 5.0  # ratio of misfits from which it is clear that it is not OpenCV's
 _DICTIONARIES = {
@@ -40,6 +43,8 @@ _DICTIONARIES = {
     "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
 }
 _ROUNDS = 3  # in which bad corners are left out
+_FOCUS_ROUNDS = 2  # it converges quadratically
+_FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with it
 _FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
 _MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
 _TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
@@ -96,10 +101,13 @@ def natural(name: str) -> tuple[tuple[int, int, str], ...]:
     return (*parts, (1, 0, word))
 
 
-def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = None) -> Detected:
+def detect(
+    images: Mapping[str, Path], board: Board, dictionary: str | None = None, on_progress: OnProgress | None = None
+) -> Detected:
     """Corners of a board in images, each named by its pose; images that cannot be read or of another size are left out.
 
-    Raises CalibError where most images have no common size, or none shows the board.
+    `on_progress` is called with (done, total, file name) after each image. Raises CalibError where most images have no
+    common size, or none shows the board.
     """
     cv2 = opencv()
     pictures, size_px, left_out = _pictures(cv2, images)
@@ -107,8 +115,10 @@ def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = No
     fewest = 4 if board.is_single else min(_FEWEST, len(board.corners_mm))
     views = []
     most = 0
-    for name, picture in pictures.items():
+    for done, (name, picture) in enumerate(pictures.items(), 1):
         number, pixels = finder(picture)
+        if on_progress is not None:
+            on_progress(done, len(pictures), images[name].name)
         most = max(most, len(number))
         if len(number) < fewest or _on_one_line(board.corners_mm[number]):
             none = f"does not show the {'whole ' if board.kind == 'checkerboard' else ''}board"
@@ -238,7 +248,8 @@ def _finder(
     if board.kind == "charuco":
         return _charuco_finder(cv2, board, name, legacy), notes
     finder = _marker_finder(cv2, board, name)
-    order, note = _order_on_board(cv2, board, [finder(picture) for picture in tried])
+    rough = _marker_finder(cv2, board, name, is_rough=True)
+    order, note = _order_on_board(cv2, board, [rough(picture) for picture in tried])
     return (lambda picture: _renumbered(finder(picture), order)), (*notes, *note)
 
 
@@ -247,14 +258,14 @@ def _dictionary(
 ) -> tuple[str, bool, tuple[str, ...]]:
     """Name of the dictionary by which most of the board is seen, whether in the old pattern, and notes on it."""
     best, most = (names[0], False), 0
-    small = [_shrunk(cv2, picture) for picture in tried]
+    small = [_shrunk(cv2, picture, _COMPARED_PX) for picture in tried]
     for pictures in (small, tried):
         for name in names:
             for legacy in (False, True) if board.kind == "charuco" and board.rows % 2 == 0 else (False,):
                 if board.kind == "charuco":
                     finder = _charuco_finder(cv2, board, name, legacy)
                 else:
-                    finder = _marker_finder(cv2, board, name)
+                    finder = _marker_finder(cv2, board, name, is_rough=True)
                 count = sum(len(finder(picture)[0]) for picture in pictures)
                 if count > most:
                     best, most = (name, legacy), count
@@ -266,9 +277,9 @@ def _dictionary(
     return name, legacy, (note,) if note and most else ()
 
 
-def _shrunk(cv2: ModuleType, picture: Array) -> Array:
-    """An image in which dictionaries are compared: photos of many megapixels are made smaller."""
-    share = _COMPARED_PX / max(picture.shape)
+def _shrunk(cv2: ModuleType, picture: Array, longest_px: int) -> Array:
+    """An image of at most so many pixels along its longest side: photos of many megapixels take long to search."""
+    share = longest_px / max(picture.shape)
     return picture if share >= 1.0 else cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
 
 
@@ -312,8 +323,10 @@ def _markers(cv2: ModuleType, name: str) -> Callable[[Array], list[tuple[int, Ar
     return markers
 
 
-def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None = None) -> Finder:
-    """Finder of a grid of markers of a dictionary, or of one marker with a number."""
+def _marker_finder(
+    cv2: ModuleType, board: Board, name: str, meant: int | None = None, *, is_rough: bool = False
+) -> Finder:
+    """Finder of a grid of markers of a dictionary, or of one with a number; a rough one keeps OpenCV's corners."""
     markers = _markers(cv2, name)
 
     def finder(picture: Array) -> tuple[IndexArray, Array]:
@@ -324,7 +337,8 @@ def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None =
         number = [4 * one + k for one, _ in seen for k in range(4)]
         if not number or len(number) != len(set(number)):  # several markers alike: which is meant is not known
             return _none()
-        return np.array(number), np.concatenate([refined_corners(cv2, picture, four) for _, four in seen])
+        corners = [four if is_rough else refined_corners(cv2, picture, four) for _, four in seen]
+        return np.array(number), np.concatenate(corners)
 
     return finder
 
@@ -409,10 +423,16 @@ def _checkerboard(cv2: ModuleType, board: Board) -> Finder:
     inner = (board.columns - 1, board.rows - 1)
 
     def finder(picture: Array) -> tuple[IndexArray, Array]:
-        seen, pixels = cv2.findChessboardCornersSB(picture, inner, flags=cv2.CALIB_CB_ACCURACY)
-        if not seen:
+        # Its time grows with the pixels, fourfold with its own enlarging, which small squares need.
+        for longest_px, how in ((_SOUGHT_PX, 0), (_COMPARED_PX, cv2.CALIB_CB_ACCURACY)):
+            small = _shrunk(cv2, picture, longest_px)
+            seen, pixels = cv2.findChessboardCornersSB(small, inner, flags=how)
+            if seen:
+                break
+        else:
             return _none()
         grid = np.asarray(pixels, dtype=float).reshape(board.rows - 1, board.columns - 1, 2)
+        grid = (grid + 0.5) * (picture.shape[1] / small.shape[1]) - 0.5
         # OpenCV's sector-based corners of one image are off by a common 0.015 pixels, at a tilt; refined, by 0.004.
         steps = [np.median(np.linalg.norm(np.diff(grid, axis=axis), axis=2)) for axis in (0, 1)]
         reach = max(2, round(_REFINED_OVER * float(min(steps))))
@@ -448,23 +468,60 @@ class MeasuredViews:
     left_out: Mapping[str, str]  # the reason by the name of the pose
     bad_corners: int = 0  # that lie far from where all others put them, and are left out
     sag_mm: float = 0.0  # range of the corners' heights over a plane, where the board is bent
+    focus: Focus | None = None  # of each image, where it differs; the views' pixels are free of it
 
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
     cv2 = opencv()
-    width, height = detected.size_px
-    if given is not None and given.size_px != (width, height):
+    if given is not None and given.size_px != detected.size_px:
         raise wrong_resolution(given, detected.size_px, ", or leave them out")
-    views, bad_corners = detected.views, 0
-    lens, sigma_px, both = _lens_and_poses(cv2, detected, given)
-    for _ in range(_ROUNDS):
-        kept = _without_bad_corners([best for best, _ in both])
-        gone = sum(len(view.corner) for view in views) - sum(len(view.corner) for view in kept)
-        if not gone:
+    fitted = _fitted(cv2, detected, given)
+    focus: Focus | None = None
+    for _ in range(_FOCUS_ROUNDS):
+        focus = focus_of_views(fitted.lens, [best for best, _ in fitted.both], fitted.sigma_px, focus)
+        if focus is None:
             break
-        views, bad_corners = tuple(kept), bad_corners + gone
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
+        views = refocused(detected.views, fitted.lens, focus)
+        fitted = _fitted(cv2, replace(detected, views=views), given, fitted.lens, own_focus=True)
+    poses, left_out = [], dict(fitted.left_out)
+    for best, rival in fitted.both:
+        if rival is not None and rival.squares - best.squares < _TWO_WAYS * fitted.sigma_px**2:
+            left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
+        else:
+            poses.append(best)
+    if not poses:
+        raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
+    return MeasuredViews(fitted.lens, tuple(poses), fitted.sigma_px, left_out, fitted.bad_corners, fitted.sag_mm, focus)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    lens: Lens
+    sigma_px: float
+    both: list[tuple[ViewPose, ViewPose | None]]  # best and second pose of each view
+    bad_corners: int
+    left_out: Mapping[str, str]
+    sag_mm: float
+
+
+def _fitted(
+    cv2: ModuleType, detected: Detected, given: Lens | None, start: Lens | None = None, own_focus: bool = False
+) -> _Fitted:
+    """Lens and poses of the views without bad corners, and on a board that is bent as the images show it.
+
+    A lens to be found is sought from a start, or from OpenCV's, with `own_focus` as `found_lens` does.
+    """
+    views, left_out = detected.views, {}
+    whole = {view.pose: view for view in views}
+    lens, sigma_px, both = _lens_and_poses(cv2, detected, given, start, own_focus)
+    for _ in range(_ROUNDS):
+        kept, hopeless = _without_bad_corners(lens, [best for best, _ in both], whole)
+        if not kept or [len(view.corner) for view in views] == [len(view.corner) for view in kept]:
+            break
+        views = tuple(kept)
+        left_out.update(dict.fromkeys(hopeless, "its corners do not lie as on the board: is something in front of it?"))
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens, own_focus)
     sag_mm = 0.0
     for _ in range(_ROUNDS):
         bend = board_bend(detected.board, lens, [best for best, _ in both], sigma_px)
@@ -472,16 +529,9 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
             break
         views = tuple(bent(view, detected.board, bend) for view in views)
         sag_mm = float(np.ptp([height for view in views for height in view.board_mm[:, 2]]))
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
-    poses, left_out = [], {}
-    for best, rival in both:
-        if rival is not None and rival.squares - best.squares < _TWO_WAYS * sigma_px**2:
-            left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
-        else:
-            poses.append(best)
-    if not poses:
-        raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
-    return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners, sag_mm)
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens, own_focus)
+    seen = sum(len(view.corner) for view in detected.views if view.pose not in left_out)
+    return _Fitted(lens, sigma_px, both, seen - sum(len(view.corner) for view in views), left_out, sag_mm)
 
 
 def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "") -> CalibError:
@@ -493,28 +543,45 @@ def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "")
 
 
 def _lens_and_poses(
-    cv2: Any, detected: Detected, given: Lens | None
+    cv2: Any, detected: Detected, given: Lens | None, start: Lens | None, own_focus: bool
 ) -> tuple[Lens, float, list[tuple[ViewPose, ViewPose | None]]]:
     """Lens, pixel noise, and the best and second pose of each view."""
     if given is not None:
         both = [_best_pose(cv2, given, view) for view in detected.views]
         return given, noise_px([best for best, _ in both]), both
-    start = _first_lens(cv2, detected)
-    found: FoundLens = found_lens(start, [_best_pose(cv2, start, view)[0] for view in detected.views])
+    start = start or _first_lens(cv2, detected)
+    poses = [_best_pose(cv2, start, view)[0] for view in detected.views]
+    found: FoundLens = found_lens(start, poses, own_focus=own_focus)
     return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
 
 
-def _without_bad_corners(poses: Sequence[ViewPose]) -> list[View]:
-    """Views without the corners that lie far from where the board's pose puts them, by the median of all errors."""
+def _without_bad_corners(
+    lens: Lens, poses: Sequence[ViewPose], whole: Mapping[str, View]
+) -> tuple[list[View], list[str]]:
+    """Views without the corners that lie far from where the board's pose puts them, by the median of all errors.
+
+    The farthest go first, as they pull the pose from the others; of the whole view those that fit the pose then come
+    back. Also the poses whose image has too few that do.
+    """
     usual = float(np.median(np.abs(np.concatenate([one.error_px.ravel() for one in poses])))) / _MEDIAN_OF_NORMAL
-    kept = []
+    most_px = _FAR_OFF * max(usual, 1e-6)
+    numbers = np.array(lens.numbers)
+    kept, hopeless = [], []
     for one in poses:
-        good = np.linalg.norm(one.error_px, axis=1) <= _FAR_OFF * max(usual, 1e-6)
-        view = one.view
-        if not good.all() and good.sum() >= max(_FEWEST, len(good) // 2):
+        view, fewest = one.view, max(_FEWEST, len(one.view.corner) // 2)
+        while len(view.corner) > 4 and (far_px := np.linalg.norm(one.error_px, axis=1)).max() > most_px:
+            good = far_px <= max(most_px, _FARTHEST * float(far_px.max()))
+            if good.sum() < fewest:
+                hopeless.append(view.pose)
+                break
             view = View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good])
-        kept.append(view)
-    return kept
+            one = pose_of_view(numbers, view, one.camera_T_board)
+        else:
+            view, pose = whole[view.pose], one.camera_T_board
+            off_px = view.pixels - project(numbers, view.board_mm @ pose[:3, :3].T + pose[:3, 3])
+            good = np.linalg.norm(off_px, axis=1) <= most_px
+            kept.append(View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good]))
+    return kept, hopeless
 
 
 def _first_lens(cv2: Any, detected: Detected) -> Lens:

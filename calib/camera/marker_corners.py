@@ -22,6 +22,7 @@ _MOST_REACH = 0.12  # of the extent, where the least reach is more
 _LEAST_RISE = 0.3  # of the steepest rise across an edge: less is noise, or another edge
 _STEP_PX = 0.5
 _FEWEST = 5  # places along a side
+_PLACES = 40  # along a side, while the edges are only approached
 _LONG_PX = 150.0  # sides on which the lens shows
 _FAR = 3.0  # sigmas
 _LEAST_SPREAD_PX = 0.02
@@ -32,7 +33,9 @@ def refined_corners(cv2: ModuleType, picture: Array, corners_px: Array) -> Array
     """Corners (4, 2) of a marker, clockwise in the image, where its edges meet; as given where no edges are found."""
     found = corners_px
     for share in _REACHES:
-        sides = [side for k in range(4) if (side := _edge(cv2, picture, np.roll(found, -k, axis=0), share)) is not None]
+        most = None if share == _REACHES[-1] else _PLACES
+        around = [np.roll(found, -k, axis=0) for k in range(4)]
+        sides = [side for four in around if (side := _edge(cv2, picture, four, share, most)) is not None]
         if len(sides) < 4:
             return corners_px
         found = np.array([_meeting(sides[k - 1], sides[k], found[k]) for k in range(4)])
@@ -40,11 +43,14 @@ def refined_corners(cv2: ModuleType, picture: Array, corners_px: Array) -> Array
     return corners_px if np.abs(found - corners_px).max() > _MOST_MOVED * size_px else found
 
 
-def _edge(cv2: ModuleType, picture: Array, corners_px: Array, share: float) -> tuple[Array, Array, Array] | None:
+def _edge(
+    cv2: ModuleType, picture: Array, corners_px: Array, share: float, most: int | None
+) -> tuple[Array, Array, Array] | None:
     """A side as its start, its direction (2,), and a polynomial of the shift to the outside; None where none is seen.
 
     The side is that between the first two corners (4, 2); the share is that of the marker's extent within which its
-    edge is sought. The polynomial is of the way along the side, pixels, the highest power first.
+    edge is sought, at `most` places or one a pixel. The polynomial is of the way along the side, pixels, the highest
+    power first.
     """
     start, end = corners_px[:2]
     length = float(np.linalg.norm(end - start))
@@ -56,7 +62,8 @@ def _edge(cv2: ModuleType, picture: Array, corners_px: Array, share: float) -> t
     reach = min(max(_LEAST_REACH_PX, share * extent), _MOST_REACH * extent)
     if reach < 2.0 * _STEP_PX:
         return None
-    way = np.linspace(_FROM_CORNERS, 1.0 - _FROM_CORNERS, max(2 * _FEWEST, int(length))) * length
+    count = max(2 * _FEWEST, int(length))
+    way = np.linspace(_FROM_CORNERS, 1.0 - _FROM_CORNERS, min(count, most or count)) * length
     across = np.arange(-reach, reach + 0.5 * _STEP_PX, _STEP_PX)
     places = start + way[:, None, None] * along + across[None, :, None] * outwards
     seen = cv2.remap(picture, *np.moveaxis(places, -1, 0).astype(np.float32), cv2.INTER_LINEAR).astype(float)
@@ -69,7 +76,8 @@ def _edge(cv2: ModuleType, picture: Array, corners_px: Array, share: float) -> t
     for _ in range(3):
         if kept.sum() < _FEWEST:
             return None
-        line = np.polyfit(way[kept], shift[kept], degree)
+        powers = np.vander(way[kept] / length, degree + 1)
+        line = np.linalg.solve(powers.T @ powers, powers.T @ shift[kept]) / length ** np.arange(degree, -1, -1)
         off = np.abs(shift - np.polyval(line, way))
         kept &= off < _FAR * max(MAD_TO_SIGMA * float(np.median(off[kept])), _LEAST_SPREAD_PX)
     return start, along, line

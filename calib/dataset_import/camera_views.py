@@ -11,11 +11,13 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import calibrate
 from calib.calibration.reprojection import full_pose_errors
 from calib.camera.ball import SeenBall, balls_in
 from calib.camera.board import Board, board_of
 from calib.camera.detection import Detected, MeasuredViews, detect, image_files, measure, natural
+from calib.camera.focus import focus_errors
 from calib.camera.intrinsics import load_lens
 from calib.camera.marker_poses import load_marker_poses
 from calib.camera.observed import CameraViews
@@ -29,6 +31,7 @@ from calib.kinematics.ball_hand_eye import ball_hand_eye
 from calib.kinematics.board_hand_eye import board_hand_eye
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
+from calib.progress import OnProgress
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable
 
@@ -143,7 +146,10 @@ def ids_of(table: UserTable, mapping: Mapping[str, Meaning], robot: Robot | None
     return pose_ids(ImportReport(None), table, meant)
 
 
-def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) -> CameraPoints:
+@one_blas_thread()
+def camera_points(
+    choice: CameraChoice, table: UserTable, ids: Sequence[str], on_progress: OnProgress | None = None
+) -> CameraPoints:
     """Board poses from images or marker poses, by the ids of the rows of the arm's table. Raises CalibError."""
     if choice.marker_poses is not None:
         return _of_marker_poses(choice, table, ids)
@@ -173,7 +179,7 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
             np.stack([ball.covariance for ball in seen.values()]),
             None, None, choice.mount, (*notes, *told), ball=board.text,
         )  # fmt: skip
-    detected = detect(kept, board, choice.dictionary)
+    detected = detect(kept, board, choice.dictionary, on_progress)
     measured = measure(detected, lens)
     told = _told(choice, detected, measured)
     board_sigma = choice.board_sigma or 0.0
@@ -193,7 +199,8 @@ def camera_points(choice: CameraChoice, table: UserTable, ids: Sequence[str]) ->
     return CameraPoints(
         names,
         np.stack([one.camera_T_board for one in measured.poses]),
-        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses]),
+        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses])
+        + (0.0 if measured.focus is None else focus_errors(measured.lens, measured.poses, measured.focus)),
         shared_errors(measured.lens, measured.poses, board_sigma),
         views,
         choice.mount,
@@ -250,6 +257,12 @@ def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> 
         notes.append(
             f"the board is bent: its corners lie {measured.sag_mm:.2g} mm apart across its plane, by the images; that "
             "is counted, and a flat one would be better: glue it to glass or aluminium"
+        )
+    if measured.focus is not None:
+        notes.append(
+            f"the focal length differs from image to image, by {100.0 * measured.focus.spread:.2g} % (standard "
+            "deviation), as of a camera that focuses anew: each image's own is found from its perspective, its corners "
+            "are kept as the common lens would see them, and distances are less exact for it; lock the camera's focus"
         )
     lens, sigma = measured.lens, measured.lens.sigmas
     if choice.intrinsics is None:

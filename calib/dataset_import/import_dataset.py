@@ -20,6 +20,7 @@ from calib.dataset_import.user_files import BOTH, POINTS, UserFiles, is_workbook
 from calib.dataset_import.writing import written
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot, Vector
+from calib.progress import OnProgress
 from calib.robot_formats.conventions import RobotReading, robot_readings
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
 
@@ -40,8 +41,11 @@ class ImportChoice:
     camera: CameraChoice = field(default_factory=CameraChoice)
 
 
-def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
-    """Plan of an import of the chosen files, with all faults of the files in `faults`."""
+def plan_of_files(files: UserFiles, choice: ImportChoice, on_progress: OnProgress | None = None) -> ImportPlan:
+    """Plan of an import of the chosen files, with all faults of the files in `faults`.
+
+    `on_progress` is called with (done, total, file name) after each image of a board.
+    """
     joints = choice.joints or files.joints
     points = choice.points
     if points is None and (choice.joints is None or choice.joints == files.joints):
@@ -57,10 +61,10 @@ def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
         point_sigma_mm=choice.point_sigma_mm, place_sigma_mm=choice.place_sigma_mm,
         tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
     )  # fmt: skip
-    return plan_import(_with_camera(sources, choice.camera) if choice.camera.is_given else sources)
+    return plan_import(_with_camera(sources, choice.camera, on_progress) if choice.camera.is_given else sources)
 
 
-def _with_camera(sources: ImportSources, choice: CameraChoice) -> ImportSources:
+def _with_camera(sources: ImportSources, choice: CameraChoice, on_progress: OnProgress | None) -> ImportSources:
     """Sources with the board poses that a camera saw. Raises CalibError.
 
     Where poses of the flange are given in place of joint values, an arm that stands for them comes with them.
@@ -70,7 +74,7 @@ def _with_camera(sources: ImportSources, choice: CameraChoice) -> ImportSources:
     robot = sources.robots[0].robot.robot if sources.robots else None
     arm = table_of_arm(choice, sources.joints, robot, sources.mapping)
     ids = ids_of(arm.table, sources.mapping, None if arm.readings else robot)
-    camera = camera_points(choice, arm.table, ids)
+    camera = camera_points(choice, arm.table, ids, on_progress)
     sources = replace(sources, points=None, camera=camera)
     if not arm.readings:
         return sources

@@ -26,7 +26,7 @@ from calib.errors import CalibError, visible
 from calib.present.cause.diagnosis import diagnosis_document
 from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options import ImportOptions
-from inspector.cli.progress import stages
+from inspector.cli.progress import progress, stages
 from inspector.cli.robots.reading import reading_of
 from inspector.export.import_document import plan_document, plan_lines
 
@@ -42,7 +42,8 @@ def run_import(options: ImportOptions) -> int:
     with given as files:
         if files.datasets:
             return _ready(options, files)
-        plan = without_folder(plan_of_files(files, choice), files.folder)
+        with nullcontext() if options.images is None else progress("images", "image") as on_progress:
+            plan = without_folder(plan_of_files(files, choice, on_progress), files.folder)
         for doubt in plan.doubts:
             print(visible(f"inspector: warning: {doubt}"), file=sys.stderr)
         if options.dry_run:
