@@ -27,7 +27,8 @@ from calib.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, p
 from calib.errors import CalibError
 from calib.progress import OnProgress
 
-_FEWEST = 6  # corners of a view; a single marker has four
+_OF_MARKER = 4  # corners of a single marker
+_FEWEST = 6  # corners of a view of a board
 _FEWEST_VIEWS = 8  # for a lens that is found
 _REFINED_OVER = 0.28  # of a square's side, half the window about a corner of a checkerboard
 _SETTLED = (3, 60, 1e-4)  # of cornerSubPix: at most 60 rounds, until a corner moves by less, pixels
@@ -112,7 +113,7 @@ def detect(
     cv2 = opencv()
     pictures, size_px, left_out = _pictures(cv2, images)
     finder, notes = _finder(cv2, board, dictionary, pictures)
-    fewest = 4 if board.is_single else min(_FEWEST, len(board.corners_mm))
+    fewest = _OF_MARKER if board.is_single else min(_FEWEST, len(board.corners_mm))
     views = []
     most = 0
     for done, (name, picture) in enumerate(pictures.items(), 1):
@@ -561,7 +562,7 @@ def _without_bad_corners(
     """Views without the corners that lie far from where the board's pose puts them, by the median of all errors.
 
     The farthest go first, as they pull the pose from the others; of the whole view those that fit the pose then come
-    back. Also the poses whose image has too few that do.
+    back. Also the poses whose image has too few that do. A single marker keeps its four: none of them can be spared.
     """
     usual = float(np.median(np.abs(np.concatenate([one.error_px.ravel() for one in poses])))) / _MEDIAN_OF_NORMAL
     most_px = _FAR_OFF * max(usual, 1e-6)
@@ -569,7 +570,10 @@ def _without_bad_corners(
     kept, hopeless = [], []
     for one in poses:
         view, fewest = one.view, max(_FEWEST, len(one.view.corner) // 2)
-        while len(view.corner) > 4 and (far_px := np.linalg.norm(one.error_px, axis=1)).max() > most_px:
+        if len(view.corner) <= _OF_MARKER:
+            kept.append(view)
+            continue
+        while (far_px := np.linalg.norm(one.error_px, axis=1)).max() > most_px:
             good = far_px <= max(most_px, _FARTHEST * float(far_px.max()))
             if good.sum() < fewest:
                 hopeless.append(view.pose)

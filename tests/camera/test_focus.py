@@ -12,6 +12,7 @@ from calib.camera.board import board_of
 from calib.camera.detection import Detected, MeasuredViews, measure
 from calib.camera.focus import focus_errors
 from calib.camera.view import View, covariance_of, shared_errors
+from tests.support.camera_dataset import true_lens
 from tests.support.camera_scene import MATRIX, SIZE_PX, Scene
 
 BOARD = board_of("charuco:9x7:25:18")
@@ -72,3 +73,17 @@ def test_corners_of_what_is_in_front_of_the_board_are_left_out_and_an_image_full
     assert found.bad_corners == pytest.approx(26, abs=2)
     assert found.sigma_px == pytest.approx(NOISE_PX, rel=0.15)
     assert np.mean(squared_sigmas(scene, found)) < 1.8
+
+
+def test_a_single_marker_keeps_its_four_corners_however_far_one_is_off():
+    marker = board_of("apriltag:60")
+    rng = np.random.default_rng(5)
+    scene = Scene.draw(rng, on_flange=True, poses=8)
+    views = []
+    for k, name in enumerate(scene.names):
+        pixels = scene.pixels(k, marker.corners_mm) + NOISE_PX * rng.normal(size=(4, 2))
+        pixels[0] += 3.0 * (k == 2)
+        views.append(View(name, np.arange(4), marker.corners_mm, pixels))
+    found = measure(Detected(marker, SIZE_PX, tuple(views), {}, ()), true_lens())
+    assert found.bad_corners == 0
+    assert all(len(one.view.corner) == 4 for one in found.poses)
