@@ -28,6 +28,7 @@ from calib.kinematics.chain import target_jacobian
 from calib.present.cause.candidates import candidate_blocks, fitted_effect
 from calib.rendering.text import block_text
 from calib.screening.candidates import screen
+from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT
@@ -76,7 +77,7 @@ def hidden() -> Dataset:
     dataset = simulation.dataset
     assert dataset.points is not None
     q = dataset.poses.q[dataset.points.pose]
-    base_to_scanner = calibrate(dataset).after.scanner_T_base[""][:3, :3]
+    base_to_scanner = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""][:3, :3]
     column = dataset.robot.parameter_names.index("theta3")
     moved = target_jacobian(dataset.robot, q)[..., column] * (5e-4 * np.sin(23 * q[:, 2]))[:, None]
     return dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved @ base_to_scanner.T))
