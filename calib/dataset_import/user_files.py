@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -185,7 +185,7 @@ def _sheets(path: Path) -> list[UserFile]:
     """A spreadsheet's sheets, or a file of JSON records, each judged as a table; one entry where none can be read."""
     try:
         named = [path.with_name(f"{path.name}#{name}") for name in sheets(path)] if path.suffix != ".json" else [path]
-        return [_judged_table(each, load_table(each, lambda _: None, is_names=are_names)) for each in named or [path]]
+        return [_judged_table(each, load_table(each, lambda _: None, is_names=_are_names)) for each in named or [path]]
     except CalibError as error:
         return [UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))]
 
@@ -203,16 +203,25 @@ def of_workbook(path: Path) -> UserFiles:
 
 def _judged_text(path: Path) -> UserFile:
     try:
-        return _judged_table(path, parse_table(path, _head(path), lambda _: None, are_names))
+        return _judged_table(path, parse_table(path, _head(path), lambda _: None, _are_names))
     except CalibError as error:
         return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
 
 
+def _are_names(names: Sequence[str]) -> bool:
+    """Whether texts name the columns of joints, of a point or of a table of the robot."""
+    return are_names(names) or _are_of_robot(names)
+
+
+def _are_of_robot(names: Sequence[str]) -> bool:
+    """Whether texts name the columns of a table of the robot."""
+    plain_names = {plain(split_unit(name)[0]) for name in names}
+    return any(columns <= plain_names for columns in _ROBOT_COLUMNS)
+
+
 def _judged_table(path: Path, table: UserTable) -> UserFile:
-    if path.suffix.lower() == ".csv" and table.has_header:
-        names = {plain(split_unit(column)[0]) for column in table.columns}
-        if any(columns <= names for columns in _ROBOT_COLUMNS):
-            return UserFile(path, ROBOT, "a table of the robot, by its columns")
+    if path.suffix.lower() == ".csv" and table.has_header and _are_of_robot(table.columns):
+        return UserFile(path, ROBOT, "a table of the robot, by its columns")
     if not table.has_header:
         return _without_header(path, table)
     meant = recognise(table.columns, None, {})

@@ -89,13 +89,14 @@ def test_nothing_is_missing_where_only_links_are_off(cell: Path, capsys: pytest.
     assert json.loads(capsys.readouterr().out)["verdict"] == "adequate"
 
 
-def test_a_name_that_robot_toml_lacks_is_told_with_what_would_do(
+def test_names_that_a_robot_lacks_become_its_targets_and_need_a_table_of_their_own(
     cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tables = ["--joints", str(cell / "joints.csv"), "--points", str(cell / "points.csv")]
-    assert main(["import", str(tmp_path / "cell"), "--robot", "rb5", *tables]) == 2
-    said = capsys.readouterr().err
-    assert "found 'ball'; robot.toml knows jig" in said
+    assert main(["import", str(tmp_path / "new"), "--robot", "rb5", *tables]) == 0
+    said = capsys.readouterr().out
+    assert "places of targets by the nominal arm, from which the fit moves them: ball at" in said
+    assert "ball" in (tmp_path / "new" / "robot.toml").read_text()
     both = [f"{line},{','.join('0' * 6)}" for line in (cell / "points.csv").read_text().splitlines()[1:]]
     head = "pose,target,x_mm,y_mm,z_mm,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
     (tmp_path / "both.csv").write_text("\n".join([head, *both]))
