@@ -161,9 +161,8 @@ def _calibrated(
         )
     outliers = tuple(dataset.poses.ids[i] for i in np.unique(observed.points.pose[~kept]))
     found = _shared_errors(model, options, observed.select(kept), fit.x)
-    free = given.free_of_shared(found)
-    dataset = free if dataset is given else dataset.free_of_shared(found)
-    given = free
+    averaged = None if dataset is given else dataset.free_of_shared(found)
+    given = given.free_of_shared(found)
     as_delivered, at_fit = evaluate_all(model, [model.delivered(fit.x), fit.x], given, outliers)
     return Calibration(
         dataset=given,
@@ -173,7 +172,7 @@ def _calibrated(
         before=as_delivered,
         after=at_fit,
         outliers=outliers,
-        averaged=None if dataset is given else dataset,
+        averaged=averaged,
     )
 
 

@@ -41,24 +41,8 @@ _MARKER_NAMES = ("marker", "reflector", "reflektor", "smr", "prism", "tag", "bal
                  "cible", "マーカー", "ターゲット", "标记", "靶球")  # fmt: skip
 _NOMINAL = ("nominal", "nom", "soll", "theoretical", "theo", "名义", "理论")
 _DEVIATIONS = ("deviation", "dev", "abweichung", "delta", "error", "余量")
-_WORDS = "|".join(
-    (
-        *_MEASURED,
-        *_ACTUAL_POINT,
-        "point",
-        "punkt",
-        "position",
-        "pos",
-        "coordinate",
-        "coord",
-        "koordinate",
-        "coordonnée",
-        "座標",
-        "坐标",
-        "p",
-        "t",
-    )
-)
+_WORDS = "|".join((*_MEASURED, *_ACTUAL_POINT, "point", "punkt", "position", "pos", "coordinate", "coord", "koordinate",
+                   "coordonnée", "座標", "坐标", "p", "t"))  # fmt: skip
 _POINT = re.compile(rf"^(?P<before>(?:{_WORDS})*)(?P<axis>[xyz])(?P<after>1?(?:{_WORDS})*)$")
 _NO_MARKER = {"r", "q", "f", "d", "s", "u", "v", "w", "m", "sigma", "std", "ori", "roll", "euler", "quat", "force",
               "moment", "torque", "vel", "acc", "speed", "cov", "base", "frame", "flange", "nozzle", "rot", "rotation",
@@ -296,8 +280,12 @@ def are_names(names: Sequence[str], robot: Robot | None = None, mapping: Mapping
         return True
     meant = recognise(names, robot, mapping or {})
     is_point = all(axis in meant.columns for axis in "xyz") or length_column(meant) is not None
-    of_joints = sum(plain(split_unit(name)[0]).endswith("joint") for name in names)
-    return "q1" in meant.columns or bool(meant.faults) or is_point or of_joints > _FEW_JOINTS
+    return "q1" in meant.columns or bool(meant.faults) or is_point or end_in_joint(names)
+
+
+def end_in_joint(names: Sequence[str]) -> bool:
+    """Whether more than two names end in "joint", as those of a robot's own joints do."""
+    return sum(plain(split_unit(name)[0]).endswith("joint") for name in names) > _FEW_JOINTS
 
 
 def point_groups(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:

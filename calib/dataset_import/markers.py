@@ -96,7 +96,7 @@ def with_tool_named(report: ImportReport, table: UserTable, meant: Recognised, r
     poses = table.text(meant.columns["pose"].name) if "pose" in meant.columns else list(map(str, range(len(table))))
     of_each = {name: {p: i for i, (p, t) in enumerate(zip(poses, targets, strict=True)) if t == name}
                for name in dict.fromkeys(targets)}  # fmt: skip
-    spreads = {name: _spread(xyz[list(rows.values())]) for name, rows in of_each.items()}
+    spreads = {name: spread_of(xyz[list(rows.values())]) for name, rows in of_each.items()}
     widest = max(spreads.values())
     still = [name for name, spread in spreads.items() if spread < STANDS_STILL * widest]
     if still:
@@ -238,6 +238,7 @@ def _places(table: UserTable, meant: Recognised) -> Array:
     return np.array([[np.nan if (v := as_number(c)) is None else v for c in column] for column in cells]).T
 
 
-def _spread(xyz: Array) -> float:
+def spread_of(xyz: Array) -> float:
+    """Root mean square distance of places (M, 3) from their median; 0 where none is known."""
     known = xyz[np.isfinite(xyz).all(axis=1)]
     return float(np.sqrt(np.mean(np.sum((known - np.median(known, axis=0)) ** 2, axis=1)))) if len(known) else 0.0

@@ -14,6 +14,7 @@ from calib.consistency.agreement import misfit_mm, sample_of
 from calib.consistency.own_pose import table_disagreement_mm
 from calib.consistency.own_pose import told as told_of_table
 from calib.dataset_import.columns import AS_MAPPED, Column, Meaning, kind_of_marker, recognise
+from calib.dataset_import.markers import STANDS_STILL, spread_of
 from calib.dataset_import.table_logs import has_time, head_of, is_always_log, is_log, read_table_log
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError, visible
@@ -38,7 +39,6 @@ _MARGIN_S = 0.1  # at both ends of a phase, in which points are not used
 _DENSE = 5.0  # points a phase, from which their motion is recorded, too
 _PATH_STEP_S = 0.01  # between the joints at which the tool's path is computed
 _MOVED = 1e-3  # rad, that a joint moves at least to come from a side
-_STATIC = 0.02  # of the widest point's spread, below which a point is not on the arm
 _JUMP = 0.02  # of the whole motion, from one row to the next
 _OFTEN = 0.2  # of the rows
 _RARE = 0.1  # of the points seen most often
@@ -285,8 +285,8 @@ def _points_of(
             f"{_list(read) or 'nothing else'}; "
             "give them by --points FILE"
         )
-    widest = max(_spread(each.xyz) for each in chosen)
-    static = [each.name for each in chosen if _spread(each.xyz) < _STATIC * widest]
+    widest = max(spread_of(each.xyz) for each in chosen)
+    static = [each.name for each in chosen if spread_of(each.xyz) < STANDS_STILL * widest]
     chosen = [each for each in chosen if each.name not in static]
     if static:
         notes.append(f"{file}: points that stand still are left out: {visible(', '.join(static[:_NAMED]))}")
@@ -351,10 +351,6 @@ def _list(read: Recording) -> str:
     return visible(", ".join([*(each.name or "x, y, z" for each in read.points), *read.others][: 2 * _NAMED]))
 
 
-def _spread(xyz: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum((xyz - np.median(xyz, axis=0)) ** 2, axis=1))))
-
-
 # ---- clocks ----------------------------------------------------------------------------------------------------------
 
 
@@ -408,7 +404,7 @@ def _clock(
         possible = possible_offsets(path_s, path_mm, seen.time_s, seen.xyz)
     if not possible and is_same:
         still = _point_means(seen, series.time_s, rest, ClockOffset(0.0, 0.0, 1.0))
-        if np.linalg.norm(still.scatter) > _MOVES * _spread(seen.xyz):
+        if np.linalg.norm(still.scatter) > _MOVES * spread_of(seen.xyz):
             raise RecordingError(
                 f"{names[1]}: its points move while the arm stands, and at no offset of the clocks do both move at the "
                 "same times; give points of the same run"
@@ -636,7 +632,7 @@ def _of_controller(
 ) -> list[tuple[str, float]]:
     """Poses that the controller computed, by name, with how far they are from the robot's table, mm."""
     out = []
-    for own in (each for each in points if each.is_controllers_own and _spread(each.xyz) > 0.0):
+    for own in (each for each in points if each.is_controllers_own and spread_of(each.xyz) > 0.0):
         mean = _point_means(own, series.time_s, rest, ClockOffset(0.0, 0.0, 1.0)).mean
         known = np.isfinite(mean).all(axis=1)
         if known.any():

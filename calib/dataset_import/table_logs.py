@@ -136,8 +136,8 @@ def read_table_log(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> 
         notes.append(f"{path}: its time begins anew {resets} times; the parts are read one behind the other")
     others = tuple(name for name in log.columns if name not in named)
     joints = _joints(log, time_s, robot, mapping)
-    points = _points(log, time_s, mapping, set() if joints is None else set(joints.names))
     of_joints = set() if joints is None else set(joints.names)
+    points = _points(log, time_s, mapping, of_joints)
     used = {*named, *of_joints, *(name for triple in _triples(log, mapping, of_joints).values() for name in triple)}
     is_normalised = joints is not None and any(name.startswith(_STATE) for name in joints.names)
     return Recording(

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from calib.dataset_import.columns import are_names, length_column, recognise
+from calib.dataset_import.columns import are_names, end_in_joint, length_column, recognise
 from calib.dataset_import.table_logs import describe, describe_table, is_lerobot
 from calib.errors import CalibError
 from calib.recordings.bags import bag_topics, is_bag, kinds_of_topics
@@ -230,7 +230,7 @@ def _judged_table(path: Path, table: UserTable) -> UserFile:
     if not has_joints and not has_points:
         has_joints, has_points = describe_table(table)
     elif not has_joints:
-        has_joints = sum(plain(split_unit(name)[0]).endswith("joint") for name in table.columns) > 2
+        has_joints = end_in_joint(table.columns)
     if has_joints or has_points:
         kind = BOTH if has_joints and has_points else JOINTS if has_joints else POINTS
         return UserFile(path, kind, "by the names of its columns")
