@@ -66,9 +66,20 @@ def __getattr__(name: str) -> object:
     elif name in _HOME:
         value = getattr(import_module(_HOME[name]), name)
     else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = _of_plugin(name)
     globals()[name] = value
     return value
+
+
+def _of_plugin(name: str) -> object:
+    """Value of a public name that a plug-in brings. Raises AttributeError."""
+    if not name.startswith("_"):  # Python itself asks for some of those
+        from calib.plugins import PublicNames, contributions
+
+        for brought in contributions(PublicNames):
+            if name in brought.names:
+                return getattr(import_module(brought.module), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -65,6 +65,22 @@ def test_no_circle_of_folders(graph: Any) -> None:
     assert circle(graph, folder_of) == []
 
 
+def extra_of(module: str) -> str:
+    """Name of the extra that a module is part of; "" for the core."""
+    package, _, rest = module.partition(".extras.")
+    return rest.partition(".")[0] if package in ("calib", "inspector") else ""
+
+
+def test_no_module_of_the_core_and_no_other_extra_imports_an_extra(graph: Any) -> None:
+    inwards = [
+        f"{module} -> {imported}"
+        for module in graph.modules
+        for imported in graph.find_modules_directly_imported_by(module)
+        if extra_of(imported) and extra_of(imported) != extra_of(module)
+    ]
+    assert inwards == []
+
+
 def test_a_circle_would_be_found() -> None:
     graph = grimp.ImportGraph()
     for module in ("a", "a.x", "b", "b.y"):
