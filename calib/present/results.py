@@ -25,7 +25,7 @@ FIGURES = "calib.figures"  # entry points of this group draw figures in notebook
 
 _ROOMS = {
     "": ("origins",),
-    "fit.": ("calibration", "corners", "dataset", "redundancy", "tool_place", "validation"),
+    "fit.": ("calibration", "corners", "dataset", "redundancy", "validation"),
     "cause.": ("diagnosis",),
     "over_time.": ("arm_types", "campaign", "changes", "checks", "comparison", "fleets", "recurrence"),
     "moves.": ("correction", "plans"),

@@ -21,7 +21,6 @@ from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.imports import Imports
 from inspector.app.controllers.live_controller import LiveController
 from inspector.app.controllers.model_controller import ModelController
-from inspector.app.controllers.place_controller import PlaceController
 from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
@@ -81,7 +80,6 @@ class App:
         self.dataset = DatasetController(named, self.state, scans, panels, self.stage, self.model, on_open=self._opened)
         self.side_by_side = SideBySideController(named, self.state, panels.side_by_side)
         self.planning = PlanController(self.state, self.stage.scene, panels.plan)
-        self.place = PlaceController(self.state, self.stage, panels.review, self._tool_moved)
         self.watching = WatchController(named, self.state, panels.watch)
         self.live = LiveController(
             named, self.state, panels.live, lambda: None if self.worker.running("live") else self._look_live()
@@ -184,7 +182,6 @@ class App:
         self.live.opened()
         self.beside()
         self.show_plan()
-        self._show_place()
         saved = self.model.saved.get(self.state.name)
         if saved is not None:
             self._show_again(saved.shown)
@@ -193,7 +190,6 @@ class App:
         self.stage.draw_model(first)
         self.beside()
         self.show_plan()
-        self._show_place()
 
     def _show_again(self, shown: Shown) -> None:
         """Restore the selections of a saved session."""
@@ -239,7 +235,6 @@ class App:
         """Show the model after a step, 0 for the nominal robot."""
         if number is not None:
             self.worker.submit("version", lambda: self.selection.step(number))
-            self._show_place()
 
     def step(self, by: int) -> None:
         """Select a later pose, or an earlier one for a negative number; repeated presses add up."""
@@ -267,7 +262,6 @@ class App:
         with self._asking:
             self._wanted = min(max(pose(self._wanted), 0), len(view.session.dataset.poses) - 1)
         self.worker.submit("select", lambda: self.dataset.select(self._wanted))
-        self._show_place()
 
     def show_view(self, name: str) -> None:
         """Show the layers of a view and move the camera to its position."""
@@ -279,16 +273,6 @@ class App:
         name = next((VIEW_OF_TAB[tab] for tab in reversed(names.split("/")) if tab in VIEW_OF_TAB), None)
         if name is not None:
             self.worker.submit("view", lambda: self.stage.follow(name))
-
-    def try_place(self, on: bool) -> None:
-        """Let the user drag the tool and read the predicted error there, or end that."""
-        self.worker.submit("try place", lambda: self.place.switch(on))
-
-    def _tool_moved(self, scanner_T_tool: Array, released: bool) -> None:
-        self.worker.submit("place", lambda: self.place.move(scanner_T_tool, released))
-
-    def _show_place(self) -> None:
-        self.worker.submit("show place", self.place.show)
 
     def keep_view(self, keep: bool) -> None:
         """Choose whether the 3D view stays unchanged when another tab is opened."""
@@ -315,7 +299,6 @@ class App:
     def version(self, name: str) -> None:
         """Show the arm and the errors of a version of the model."""
         self.worker.submit("version", lambda: self.selection.version(name))
-        self._show_place()
 
     def prediction(self, name: str, shown: bool) -> None:
         """Show or hide the points that a version of the model predicts."""

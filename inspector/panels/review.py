@@ -6,10 +6,8 @@ from collections.abc import Sequence
 
 import viser
 
-from calib.compensation.tool_place import ToolPlace
 from calib.present import names
 from calib.present.cause.candidates import explained_at
-from calib.present.fit.tool_place import tool_place_blocks
 from calib.present.names import ROLES, instrument
 from calib.present.references import Names
 from calib.rendering import numbers
@@ -44,7 +42,6 @@ LAYER_WORDS = {
         "arm": "Arm",
         "scanner": "Scanner",
         "plan": "Planned poses",
-        "place": "Tried place",
         "floor": "Floor, 100 mm grid",
         "scale": "Scale",
     },
@@ -63,7 +60,6 @@ PAGES = "{} pages are open: they share what is shown."
 BOXED_NAMED = 5  # poses in a box that are named one by one
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
 LEAVE_BOX, CLEAR_BOX = "Leave out", "Clear"
-TRY_PLACE = "Try a place"
 LEAVE_OUT, TAKE_IN = "Leave this pose out", "Take this pose in again"
 
 
@@ -96,10 +92,6 @@ class ReviewPanel:
         self.keep = gui.add_checkbox(
             "Keep this view", False, hint="the 3D view stays as it is when another tab is opened"
         )
-        self.place = gui.add_checkbox(
-            TRY_PLACE, False, visible=False, hint="drag the tool in the 3D view and read the error predicted there"
-        )
-        self._place = gui.add_html("")
         self._legend = gui.add_html("")
         self.layers: dict[str, viser.GuiCheckboxHandle] = {}
         self._folders: dict[str, viser.GuiFolderHandle] = {}
@@ -129,7 +121,6 @@ class ReviewPanel:
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
         self.box.on_click(lambda e: self._box_pressed(str(e.target.value)))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
-        self.place.on_update(lambda e: a.try_place(bool(e.target.value)) if by_page(e) else None)
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
         self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
         self.size.on_update(lambda e: a.point_size(clamped(e.target.value, 0.2, 4.0, 1.2)))
@@ -251,16 +242,6 @@ class ReviewPanel:
         words = spans(f"{numbers.count(len(ids), 'pose')} in the box: ", listed([pose(i) for i in ids[:BOXED_NAMED]]))
         more = f" and {len(ids) - BOXED_NAMED} more" if len(ids) > BOXED_NAMED else ""
         self._boxed.content = panel([Paragraph(spans(words, more, ".")), *table])
-
-    def offer_place(self, possible: bool, *, on: bool) -> None:
-        """Offer to drag the tool, where there is a fitted model."""
-        self.place.visible = possible
-        if not possible or self.place.value != on:
-            put(self.place, on and possible)
-
-    def show_place(self, place: ToolPlace | None) -> None:
-        """Show the error predicted at a tried place; None where none is tried."""
-        self._place.content = "" if place is None else panel(tool_place_blocks(place))
 
     def list_datasets(self, names: tuple[str, ...]) -> None:
         """List the datasets that can be chosen."""

@@ -46,7 +46,6 @@ LAYERS = (
     "arm",
     "scanner",
     "plan",
-    "place",
     "floor",
     "scale",
 )

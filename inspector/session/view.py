@@ -25,7 +25,7 @@ VIEW_LAYERS = {
     "Corner": {"faces", "corner", "scale"},
     "All corners": {"corner", "corners", "before", "residuals", "predicted", "scanner", "floor", "scale"},
     "Distance": {"distance", "jig", "scale"},
-    "Arm": {"corners", "before", "residuals", "predicted", "arm", "scanner", "plan", "place", "floor", "scale"},
+    "Arm": {"corners", "before", "residuals", "predicted", "arm", "scanner", "plan", "floor", "scale"},
 }
 POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
 WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
