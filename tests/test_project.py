@@ -17,22 +17,12 @@ from pathlib import Path
 import pytest
 
 from inspector.cli.subcommands import SUBCOMMANDS
+from tests.support.copies import tracked_files
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("open3d", "trimesh", "viser", "plotly")
 # An absolute path into somebody's machine: the lookbehind lets the path part of a URL pass.
 MACHINE_PATH = re.compile(r"(?<![\w.~-])/(?:work|root|home|Users|tmp)/\w|[A-Z]:\\Users\\")
-
-
-def tracked_files() -> list[Path]:
-    """Files of the repository; where git cannot tell (not installed, an unpacked archive) every file that is kept."""
-    try:
-        listing = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
-    except (OSError, subprocess.CalledProcessError):
-        ignored = re.compile(r"(^|/)(\.(?!ci/|gitignore)|__pycache__|build/|dist/)|\.egg-info/")
-        names = (path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*") if path.is_file())
-        listing = "\0".join(name for name in names if not ignored.search(name))
-    return [ROOT / name for name in listing.split("\0") if name and (ROOT / name).is_file()]
 
 
 def python_files(package: str) -> list[Path]:
