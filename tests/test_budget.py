@@ -1,4 +1,4 @@
-"""What is added is paid by what is taken away: the tokens of code that pyproject.toml allows, and no slack above them."""
+"""What is added is paid by what is taken away: no part has more tokens than pyproject.toml allows, nor much fewer."""
 
 from __future__ import annotations
 
@@ -25,9 +25,8 @@ def test_no_part_is_above_its_budget_and_none_has_room_to_fill_up() -> None:
 
 def test_tokens_are_what_a_reader_meets(tmp_path: Path) -> None:
     path = tmp_path / "a.py"
-    path.write_text(
-        '"""A module."""\n\n# a comment\ndef f(x):\n    """Doc\n    string."""\n    return (\n        x + "text"\n    )\n'
-    )
+    function = 'def f(x):\n    """Doc\n    string."""\n    return (\n        x + "text"\n    )\n'
+    path.write_text(f'"""A module."""\n\n# a comment\n{function}')
     assert tokens_of(path) == len(["def", "f", "(", "x", ")", ":", "return", "(", "x", "+", '"text"', ")"])
 
 

@@ -40,7 +40,7 @@ def extras() -> list[str]:
 
 
 def copy_without(target: Path, names: Sequence[str] = ()) -> None:
-    """Write the project to a folder without the extras of these names; without a name, with none and without their tests."""
+    """Write the project to a folder without these extras; where none is named, without all of them and their tests."""
     gone = [Path(package, "extras", name) for package in PACKAGES for name in names]
     gone = gone or [*(Path(package, "extras") for package in PACKAGES), Path("tests", "extras")]
     if target.exists() and any(target.iterdir()):
