@@ -26,6 +26,7 @@ from calib.fitting.observations import (
     with_nominal_scanner_frames,
 )
 from calib.lazy_modules import pd
+from calib.statistics import rms
 
 _LINE_ROUNDS = 4  # in which the lines of measured lengths are made anew
 
@@ -71,7 +72,7 @@ class Evaluation(Brief):
             return None
         return Figures(
             points=len(error),
-            rmse_mm=float(np.sqrt(np.mean(error**2))),
+            rmse_mm=rms(error),
             max_mm=float(error.max()),
             mean_mm=float(error.mean()),
             distance_max_mm=float(distance.max(initial=0.0)),

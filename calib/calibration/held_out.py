@@ -17,6 +17,7 @@ from calib.distributions import chi2_sf, f_sf
 from calib.effects.catalogue.order_steps import ChangePoint
 from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import orthonormal, whitened_motion
+from calib.statistics import covariance_root
 
 BY_CHANCE = 0.001
 """p, below which the test poses are off by more than was promised."""
@@ -143,8 +144,7 @@ def _whitened(
     With a discrepancy the noise includes it, and errors in a setup without training poses are those of a new place.
     """
     model, fit, after = calibration.model, calibration.fit, calibration.after
-    variance, turn = np.linalg.eigh(fit.covariance)
-    parameters_root = turn * np.sqrt(np.maximum(variance, 0.0))
+    parameters_root = covariance_root(fit.covariance)
     covariance_mm2 = observed.covariance_mm2 * (noise_mm / declared_sigma_mm(calibration.fitted_dataset)) ** 2
     missed_mm2 = np.zeros(len(observed.points))
     if discrepancy is not None:

@@ -11,6 +11,7 @@ from calib.dataset.dataset import Dataset
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, predict_poses, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals
+from calib.statistics import rms
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,6 @@ def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> Orientati
         off = angle[rows & residuals.has_orientation]
         if len(off) == 0:
             return None
-        return OrientationFigures(len(off), float(np.sqrt(np.mean(off**2))), float(off.max()))
+        return OrientationFigures(len(off), rms(off), float(off.max()))
 
     return OrientationErrors(figures(~is_test), figures(is_test))

@@ -31,12 +31,13 @@ from calib.brief import Brief
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.noise_level import FIT, noise_level
 from calib.calibration.result import Calibration, declared_sigma_mm
-from calib.calibration.uncertainty import JointKnowledge, covariance_root
+from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import frame_motion
+from calib.statistics import covariance_root
 
 Z_90 = 1.6448536269514722
 """Standard deviations to either side that hold 90 % of a normal distribution."""

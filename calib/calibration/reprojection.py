@@ -19,6 +19,7 @@ from calib.camera.lens import project
 from calib.camera.view import View
 from calib.fitting.observations import Observations, predict_poses, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals
+from calib.statistics import rms
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class ReprojectedView(Brief):
     @property
     def rms_px(self) -> float:
         """Root mean square of one coordinate's error, pixels."""
-        return float(np.sqrt(np.mean(self.error_px**2)))
+        return rms(self.error_px)
 
 
 @lru_cache(maxsize=4)  # text, document and figures of one fit ask for it in turn
@@ -85,4 +86,4 @@ def rms_px(views: tuple[ReprojectedView, ...]) -> float | None:
     """Root mean square of one coordinate over all corners of some views, pixels; None where there are none."""
     if not views:
         return None
-    return float(np.sqrt(np.mean(np.concatenate([one.error_px for one in views]) ** 2)))
+    return rms(np.concatenate([one.error_px for one in views]))

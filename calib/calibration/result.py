@@ -28,6 +28,7 @@ from calib.kinematics.robot import PARAMETER_KINDS, TOOL_POINT, Robot
 from calib.lazy_modules import pd
 from calib.options import FitOptions
 from calib.presented import Presented
+from calib.statistics import axis_sigma, rms
 
 if TYPE_CHECKING:
     from calib.compensation.target_correction import Correction
@@ -334,19 +335,18 @@ def times_declared_noise(calibration: Calibration) -> float | None:
 
 def declared_sigma_mm(dataset: Dataset) -> float:
     """Declared sigma per coordinate, mm, RMS over the measured points."""
-    covariance = Observations.of(dataset).covariance_mm2
-    return float(np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1)) / 3.0))
+    return axis_sigma(Observations.of(dataset).covariance_mm2)
 
 
 def _iteration_errors(evaluation: Evaluation) -> IterationErrors:
-    def rms(values: Array) -> float:
-        return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+    def rms_or_nan(values: Array) -> float:
+        return rms(values) if len(values) else float("nan")
 
     train, test = evaluation.train, evaluation.test
     of_test = evaluation.is_test[evaluation.distance_pose]
     return IterationErrors(
         train.rmse_mm if train else float("nan"),
         test.rmse_mm if test else float("nan"),
-        rms(evaluation.distance_error_mm[~of_test]),
-        rms(evaluation.distance_error_mm[of_test]),
+        rms_or_nan(evaluation.distance_error_mm[~of_test]),
+        rms_or_nan(evaluation.distance_error_mm[of_test]),
     )

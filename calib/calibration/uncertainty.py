@@ -20,6 +20,7 @@ from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
 from calib.fitting.scanner_frame import frame_motion, whitened_motion
 from calib.identifiability.structural import absorbed_by_scanner_frame, redundancy
+from calib.statistics import covariance_root
 
 CORRELATED = 0.8
 
@@ -217,11 +218,3 @@ def prediction_covariance_at(calibration: Calibration, poses: Poses, setup: str 
     rows = np.concatenate([scanner_T_base[:3, :3] @ by_q, motion], axis=-1)
     spread = rows @ covariance_root(known.covariance)
     return np.asarray(spread @ np.swapaxes(spread, 1, 2))
-
-
-def covariance_root(covariance: Array) -> Array:
-    """Root R (P, P) of a covariance R R^T, in any units; negative eigenvalues from rounding count as zero."""
-    scale = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
-    size, turn = np.linalg.eigh(inverse[:, None] * covariance * inverse)
-    return np.asarray(scale[:, None] * turn * np.sqrt(np.clip(size, 0.0, None)))

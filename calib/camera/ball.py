@@ -24,7 +24,7 @@ from calib.brief import Brief
 from calib.camera.detection import opencv, picture_of, wrong_resolution
 from calib.camera.lens import Lens, project
 from calib.errors import CalibError
-from calib.planes.robust_fit import MAD_TO_SIGMA
+from calib.statistics import mad_sigma
 
 _SEARCHED_PX = 800  # longest side of the image in which balls are sought first
 _LEVELS = 16  # of brightness, at which outlines are drawn
@@ -192,7 +192,7 @@ def _refined(cv2: ModuleType, channel: Array, lens: Lens, radius_mm: float, star
         for _ in range(8):
             step = np.asarray(np.linalg.lstsq(by_middle[kept], off_px[kept], rcond=None)[0], dtype=np.float64)
             left = off_px - by_middle @ step
-            rough = max(float(MAD_TO_SIGMA * np.median(np.abs(left[kept]))), 0.02)
+            rough = max(mad_sigma(left[kept]), 0.02)
             kept = seen & (np.abs(left) < _FAR * rough)
             if kept.sum() < 12:
                 return "shows something round that is no ball"

@@ -26,6 +26,7 @@ from calib.camera.observed import IMAGE_SUFFIXES
 from calib.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
 from calib.errors import CalibError
 from calib.progress import OnProgress
+from calib.statistics import rms_length
 
 _OF_MARKER = 4  # corners of a single marker
 _FEWEST = 6  # corners of a view of a board
@@ -410,7 +411,7 @@ def _plane_misfit(cv2: ModuleType, board_mm: Array, pixels: Array) -> float:
         return float("inf")
     missed = cv2.perspectiveTransform(board_mm[None], matrix)[0] - pixels
     side = float(np.mean([_side_px(four) for four in pixels.reshape(-1, 4, 2)]))
-    return float(np.sqrt(np.mean(np.sum(missed**2, axis=1)))) / side
+    return rms_length(missed) / side
 
 
 def _renumbered(found: tuple[IndexArray, Array], order: IndexArray) -> tuple[IndexArray, Array]:

@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from calib.array_types import Array
-from calib.planes.robust_fit import MAD_TO_SIGMA
+from calib.statistics import mad_sigma
 
 _REACHES = (0.08, 0.04, 0.025)  # across an edge in turn, of the marker's extent there, less than the black border
 _FROM_CORNERS = 0.12  # of a side, left out at its ends
@@ -79,7 +79,7 @@ def _edge(
         powers = np.vander(way[kept] / length, degree + 1)
         line = np.linalg.solve(powers.T @ powers, powers.T @ shift[kept]) / length ** np.arange(degree, -1, -1)
         off = np.abs(shift - np.polyval(line, way))
-        kept &= off < _FAR * max(MAD_TO_SIGMA * float(np.median(off[kept])), _LEAST_SPREAD_PX)
+        kept &= off < _FAR * max(mad_sigma(off[kept]), _LEAST_SPREAD_PX)
     return start, along, line
 
 

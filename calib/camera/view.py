@@ -18,6 +18,7 @@ from calib.array_types import Array, IndexArray
 from calib.brief import Brief
 from calib.camera.lens import FREE_NAMES, LENS_NAMES, Lens, by_lens, by_point, project
 from calib.errors import CalibError
+from calib.statistics import covariance_root
 
 _STEPS = 60
 _SETTLED = 1e-10
@@ -179,9 +180,7 @@ def shared_errors(lens: Lens, poses: Sequence[ViewPose], board_sigma: float = 0.
     changes: Array = np.zeros((len(poses), 6, 0))
     if lens.covariance is not None and np.any(lens.covariance):
         used = np.flatnonzero(np.diag(lens.covariance) > 0.0)
-        scale = np.sqrt(np.diag(lens.covariance)[used])
-        size, ways = np.linalg.eigh(lens.covariance[np.ix_(used, used)] / np.outer(scale, scale))
-        root = scale[:, None] * ways * np.sqrt(np.maximum(size, 0.0))
+        root = covariance_root(lens.covariance[np.ix_(used, used)])
         changes = np.stack([one.by_lens[:, used] @ root for one in poses])
     if board_sigma > 0.0:
         place = np.stack([one.camera_T_board[:3, 3] for one in poses])

@@ -26,6 +26,7 @@ from calib.fitting.scanner_frame import frame_motion
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import TOOL_POINT, Target
 from calib.options import FitOptions
+from calib.statistics import rms_length
 
 SHORTEST_RUN = 4
 """Least number of poses that show a move: three place a frame, one more tests it."""
@@ -154,7 +155,7 @@ def _sized(dataset: Dataset, run: Sequence[str], before: str, what: What, option
         columns = placed[:3, :3] @ _base_R_tool(dataset, observed)
     flat = columns.reshape(-1, columns.shape[-1])
     motion = np.linalg.lstsq(flat, off.ravel(), rcond=None)[0]
-    off_mm, left_mm = _rms(off), _rms(off - (flat @ motion).reshape(off.shape))
+    off_mm, left_mm = rms_length(off), rms_length(off - (flat @ motion).reshape(off.shape))
     if left_mm > _LEFT * off_mm:
         return None
     moved_mm, turned_rad = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
@@ -166,7 +167,3 @@ def _base_R_tool(dataset: Dataset, observed: Observations) -> Array:
     robot = dataset.robot
     chain = forward(robot.table, dataset.poses.q[observed.points.pose], robot.is_revolute, robot.base_T_first)
     return np.asarray(chain.base_T_frame[:, -1, :3, :3])
-
-
-def _rms(errors: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

@@ -13,6 +13,7 @@ from calib.fitting.scanner_frame import frame_motion, orthonormal
 from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import Chain, forward, point_jacobian
 from calib.kinematics.robot import TOOL_POINT, Robot
+from calib.statistics import rms_length
 
 LEAST_POSES = 16  # nine numbers are fitted; fewer poses agree with almost any arm
 _MOST_POSES = 150  # more poses give the same result
@@ -41,7 +42,7 @@ class Sample:
     @property
     def spread_mm(self) -> float:
         """Root mean square distance of the points from the centroid of their station's points, mm."""
-        return float(np.sqrt(np.mean(np.sum(self.away_mm**2, axis=1))))
+        return rms_length(self.away_mm)
 
     @property
     def away_mm(self) -> Array:
@@ -177,7 +178,7 @@ def _agreement(sample: Sample, chain: Chain, tool_is_known: bool) -> _Agreement:
             off[rows] = apply(frame, mine[rows]) - sample.points_mm[rows]
             seen[rows] = away[rows] @ frame[:3, :3]  # in the arm's frame
             back[rows] = -off[rows] @ frame[:3, :3]
-        misfit = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+        misfit = rms_length(off)
         if misfit < best.misfit_mm:
             best = _Agreement(misfit, back.copy(), mine)
         offset = inverse @ (seen - place_away).ravel()

@@ -39,6 +39,7 @@ from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
+from calib.statistics import rms_length
 
 QUIET = 1.15  # residual sigma over the declared one, up to which no mistake is looked for
 BEYOND_EFFECTS = 0.003  # 3D error over the arm's length, above which no physical effect explains it
@@ -278,7 +279,7 @@ def is_beyond_effects(error_mm: float, robot: Robot) -> bool:
 
 def error_mm(errors: Evaluation) -> float:
     """3D RMSE of all measured points, mm; mistakes may be in training or in test poses."""
-    return float(np.sqrt(np.mean(np.sum(errors.error_mm**2, axis=1))))
+    return rms_length(errors.error_mm)
 
 
 def _is_judged(fitted: Calibration) -> bool:

@@ -20,6 +20,7 @@ from calib.distributions import f_sf
 from calib.kinematics.chain import forward
 from calib.kinematics.drive import HARMONICS, knows_load, term_columns
 from calib.kinematics.robot import DriveTerm, LinkEncoder, Robot
+from calib.statistics import rms
 
 FEWEST_POSES = 12  # from which what lies between motor and link can be told
 MAX_P = 0.003  # of a law beside the others, times the number of laws
@@ -92,7 +93,7 @@ def _encoder(dataset: Dataset, joint: int, turn: Array, offset_rad: float, train
         joint=joint,
         offset_rad=offset_rad,
         terms=tuple(sorted(terms, key=lambda term: -term.share)),
-        rms_rad=float(np.sqrt(np.mean(y**2))),
+        rms_rad=rms(y),
         left_rad=float(np.sqrt(square / dof)),
         sigma_rad=noise,
     )

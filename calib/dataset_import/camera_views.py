@@ -32,6 +32,7 @@ from calib.kinematics.board_hand_eye import board_hand_eye
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.progress import OnProgress
+from calib.statistics import rms
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable
 
@@ -366,7 +367,7 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     if chosen.is_determined:
         _require_scale(chosen.scale, chosen.scale_sigma, given)
     if given.covariance is None:
-        sigma_mm = max(float(np.sqrt(np.mean(chosen.error_mm**2))), _LEAST_SIGMA)
+        sigma_mm = max(rms(chosen.error_mm), _LEAST_SIGMA)
         sigma_deg = max(float(np.degrees(np.sqrt(np.mean(chosen.error_rad**2)))), _LEAST_SIGMA)
         given = replace(given, point_sigma_mm=sigma_mm, orientation_sigma_deg=sigma_deg, mount=mount)
         fitted = _sigmas_of_fit(given, robot, ids, q)

@@ -23,6 +23,7 @@ from calib.kinematics.chain import forward
 from calib.kinematics.robot import TOOL_POINT, Robot, Target
 from calib.kinematics.tool_point import tool_point_of, with_own_tool_point
 from calib.robot_formats.chain.five_parameters import vector
+from calib.statistics import rms_length
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import UserTable, split_unit
 
@@ -226,7 +227,7 @@ def _on_link(robot: Robot, q: Array, in_base_mm: Array, *, last: bool = False) -
         frame = chain.base_T_frame[:, k]
         local = np.einsum("nji,nj->ni", frame[:, :3, :3], in_base_mm - frame[:, :3, 3])
         place = np.median(local, axis=0)
-        scatter = float(np.sqrt(np.mean(np.sum((local - place) ** 2, axis=1))))
+        scatter = rms_length(local - place)
         if scatter < (1.0 if best[2] is None and not np.isfinite(best[0]) else 0.5) * best[0]:
             best = (scatter, place, None if k == robot.n_joints else k)
     return best
@@ -241,4 +242,4 @@ def _places(table: UserTable, meant: Recognised) -> Array:
 def spread_of(xyz: Array) -> float:
     """Root mean square distance of places (M, 3) from their median; 0 where none is known."""
     known = xyz[np.isfinite(xyz).all(axis=1)]
-    return float(np.sqrt(np.mean(np.sum((known - np.median(known, axis=0)) ** 2, axis=1)))) if len(known) else 0.0
+    return rms_length(known - np.median(known, axis=0)) if len(known) else 0.0

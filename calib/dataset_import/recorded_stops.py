@@ -31,6 +31,7 @@ from calib.recordings.clocks import (
 from calib.recordings.means import Means, means_of
 from calib.recordings.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows, recording_file
 from calib.recordings.standstill import LEAST_S, Phase, Standstill, approach_of, standstill_of, trimmed
+from calib.statistics import mad_sigmas, rms
 from calib.text_files.records import table_file
 from calib.text_files.user_table import UserTable, split_unit
 
@@ -477,7 +478,7 @@ def _point_means(seen: PointSeries, joint_s: Array, rest: Standstill, clock: Clo
         margin = min(_MARGIN_S + 3.0 * clock.sigma_s, 0.25 * (end - start))
         first, last = np.searchsorted(at, [start + margin, end - margin])
         samples.append(seen.xyz[first:last])
-    spreads = [1.4826 * np.median(np.abs(s - np.median(s, axis=0)), axis=0) for s in samples if len(s) >= 8]
+    spreads = [mad_sigmas(s) for s in samples if len(s) >= 8]
     noise = np.maximum(np.median(spreads, axis=0), 1e-12) if spreads else np.full(3, np.inf)
     calm = []
     for each in samples:
@@ -615,8 +616,8 @@ def _means_note(name: str, means: Means, kept: BoolArray, unit_mm: float) -> lis
     of_each = f"{counts.min():.0f} to {counts.max():.0f} points a stop are averaged"
     if not means.scatter.any():
         return [f"{name}: {of_each}"]
-    scatter_mm = unit_mm * float(np.sqrt(np.mean(means.scatter**2)))
-    sigma_mm = unit_mm * float(np.sqrt(np.mean(means.sigma[kept] ** 2)))
+    scatter_mm = unit_mm * rms(means.scatter)
+    sigma_mm = unit_mm * rms(means.sigma[kept])
     wild = f"; {means.left_out} outlying points are left out" if means.left_out else ""
     return [
         f"{name}: {of_each}: one scatters by {scatter_mm:.3g} mm, {means.tau:.1f} in a row tell as much as one, so "

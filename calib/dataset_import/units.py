@@ -10,6 +10,7 @@ from calib.array_types import Array
 from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
+from calib.statistics import rms, rms_length
 
 LENGTHS_MM = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
 ANGLES_RAD = {"deg": float(np.pi / 180.0), "rad": 1.0}
@@ -58,7 +59,7 @@ def _misfit(robot: Robot, values: Array, unit: str, points: Array) -> float:
     if spread == 0.0 or _spread(seen) == 0.0:
         return np.inf
     scaled = mine * (_spread(seen) / spread)
-    return float(np.sqrt(np.mean((apply(best_fit_transform(scaled, seen), scaled) - seen) ** 2)))
+    return rms(apply(best_fit_transform(scaled, seen), scaled) - seen)
 
 
 def length_unit(robot: Robot, q: Array, points: Array) -> tuple[str, float]:
@@ -76,4 +77,4 @@ def length_unit(robot: Robot, q: Array, points: Array) -> tuple[str, float]:
 
 
 def _spread(points: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))) if len(points) > 1 else 0.0
+    return rms_length(points - points.mean(axis=0)) if len(points) > 1 else 0.0

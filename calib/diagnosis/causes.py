@@ -20,6 +20,7 @@ from calib.effects.effect import (
 )
 from calib.fitting.observations import Observations, predict_points
 from calib.screening.candidates import Candidate
+from calib.statistics import rms_length
 
 _SIGNIFICANT = 2.0  # sigmas from which a value is known to differ from zero
 
@@ -66,7 +67,7 @@ def moved_mm(members: Sequence[Effect], calibration: Calibration) -> list[float]
         own = {full_name(member, parameter) for parameter in member.parameters}
         without = np.where([name in own for name in names], 0.0, x)
         shift: Array = with_all - predict_points(model, without, observed)
-        return float(np.sqrt(np.mean(np.sum((shift - shift.mean(axis=0)) ** 2, axis=1))))
+        return rms_length(shift - shift.mean(axis=0))
 
     return list(map(rms_mm, members))
 

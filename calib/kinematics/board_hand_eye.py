@@ -13,6 +13,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.kinematics.hand_eye import solve_hand_eye
+from calib.statistics import rms_length
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class BoardHandEye:
     @property
     def rms_mm(self) -> float:
         """Root mean square of the errors of the board's middle, 3D, mm."""
-        return float(np.sqrt(np.mean(np.sum(self.error_mm**2, axis=1))))
+        return rms_length(self.error_mm)
 
 
 def board_hand_eye(base_T_flange: Array, camera_T_board: Array, *, on_flange: bool) -> BoardHandEye:

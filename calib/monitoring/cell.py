@@ -23,6 +23,7 @@ from calib.monitoring.change_tests import (
 )
 from calib.monitoring.check_errors import CheckErrors
 from calib.monitoring.check_points import CheckPoints, Expectation
+from calib.statistics import rms_length
 
 _HIDDEN = 10.0  # times the RMSE, by which a change has to move the points to be refused where it is large
 
@@ -101,7 +102,7 @@ class CellTests:
             return None
         change = self.fixed.estimate(self.scanner, [*arm, self.scanner])
         moved = np.einsum("mik,k->mi", self.scanner.columns, np.array(change.vector))
-        size = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+        size = rms_length(moved)
         sigma = size / max(np.sqrt(test.gain), 1e-9)
         others = () if arm else confounded_with([*self.fixed.tests(self.models), test], test)
         return replace(

@@ -13,6 +13,7 @@ from calib.effects.link_errors import LinkErrors
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations
 from calib.kinematics.robot import Robot
+from calib.statistics import rms_length
 
 JOINT_ZERO, TOOL, SCANNER, BASE = "joint_zero", "tool", "scanner", "base"
 JIG = "jig"  # fixed in the world where the arm carries the scanner; takes the tool's place
@@ -40,7 +41,7 @@ class ChangeModel:
 
     def moves_mm(self, vector: Array) -> float:
         """RMS motion of the points by a change (K,), mm, the scanner at rest."""
-        return float(np.sqrt(np.mean(np.sum((self.columns @ vector) ** 2, axis=1))))
+        return rms_length(self.columns @ vector)
 
     @property
     def key(self) -> tuple[str, int | None, str]:

@@ -12,6 +12,7 @@ from calib.dataset.dataset import Poses
 from calib.distributions import chi2_ppf
 from calib.monitoring.iso9283 import Visits
 from calib.monitoring.prediction_spread import ErrorCovariance
+from calib.statistics import rms_length
 
 LIMIT_SHARE = 0.9973  # share of unchanged cells that stay below the limit: three sigmas of a control chart
 
@@ -34,7 +35,7 @@ class CheckErrors(Brief):
     @property
     def rmse_mm(self) -> float:
         """RMS of the 3D errors, mm."""
-        return float(np.sqrt(np.mean(np.sum(self.off_mm**2, axis=1))))
+        return rms_length(self.off_mm)
 
     @property
     def likely_mm(self) -> float:

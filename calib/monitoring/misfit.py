@@ -20,6 +20,7 @@ from calib.calibration.promise import Discrepancy, distances, learned_with_gain,
 from calib.calibration.result import Calibration
 from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import whitener
+from calib.statistics import covariance_root
 
 PROVEN_INFLATION = 1.6  # of the covariance; of 25 simulated arms whose model is right the largest is 1.5
 MOST_POSES = 1000  # of a check, up to which their likeness is counted: a matrix of as many rows
@@ -83,8 +84,7 @@ class Misfit(Brief):
             apart = np.array([distances(joints, q, known.scale) for joints in q])
             covariance += 0.5 * known.growth_mm2 * np.maximum(away[:, None] + away - apart, 0.0)
             covariance += known.constant_mm2 * np.eye(len(q))
-        size, turn = np.linalg.eigh(covariance)
-        return np.asarray(turn * np.sqrt(np.maximum(size, 0.0)))
+        return covariance_root(covariance)
 
 
 def _tails(calibration: Calibration) -> float:

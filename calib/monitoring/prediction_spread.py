@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.calibration.uncertainty import covariance_root
+from calib.statistics import covariance_root
 
 _ROUNDING = 1e-12  # share of the largest size, below which a direction is rounding
 

@@ -27,6 +27,7 @@ from calib.monitoring.check_points import CheckPoints, Expectation
 from calib.monitoring.control_chart import date_of
 from calib.monitoring.courses import DRIFT, CourseSearch, TimedModel, stacked
 from calib.presented import Presented
+from calib.statistics import rms
 
 FEWEST_CHECKS = 3
 EWMA_WEIGHT = 0.3  # of the latest check in the moving average
@@ -273,7 +274,7 @@ def _time_left(search: CourseSearch, model: TimedModel | None, change: Change | 
         earliest = 0.0 if error_mm >= tolerance_mm else reached(fastest_mm)
         return TimeLeft(tolerance_mm, error_mm, None, earliest, None)
     moved = model.moves_mm(np.array(change.vector or (change.size,)))
-    per_time_mm = moved / float(np.sqrt(np.mean(search.times[search.row] ** 2)))
+    per_time_mm = moved / rms(search.times[search.row])
     relative = change.sigma / abs(change.size)
     fast, slow = (per_time_mm * (1.0 + sign * _Z_95 * relative) for sign in (1.0, -1.0))
     error_mm = float(np.hypot(promised_mm, per_time_mm * now))
@@ -290,4 +291,4 @@ def _fastest_mm(search: CourseSearch, model: TimedModel) -> float:
     size = float(np.linalg.norm(vector))
     along: Array = vector / size if size > 0.0 else np.eye(len(vector))[0]
     moved = model.moves_mm(along * (size + _Z_95 * change.sigma))
-    return moved / float(np.sqrt(np.mean(search.times[search.row] ** 2)))
+    return moved / rms(search.times[search.row])

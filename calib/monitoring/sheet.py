@@ -27,6 +27,7 @@ from calib.fitting.observations import Observations, predict_points, with_nomina
 from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.frames import apply
 from calib.monitoring.change_tests import Change
+from calib.statistics import rms_length
 
 POSE_ORDER = "pose_order"
 _FALLS_TO = 0.1  # share of the error that may remain: no change of an arm looks like another sheet
@@ -98,4 +99,4 @@ def _rmse_mm(base: Calibration, new: Dataset) -> float | None:
     observed = _observed(base, new)
     at_mm, measured_mm = predict_points(base.model, base.fit.x, observed), observed.points.xyz_mm
     frame = fit_scanner_frame(at_mm, measured_mm, observed.covariance_mm2)
-    return float(np.sqrt(np.mean(np.sum((apply(frame, at_mm) - measured_mm) ** 2, axis=1))))
+    return rms_length(apply(frame, at_mm) - measured_mm)

@@ -10,9 +10,9 @@ from typing import Protocol
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.statistics import mad_sigma
 
 TUKEY = 6.0  # 98 % efficiency for normal residuals; 95 % at the usual 4.685
-MAD_TO_SIGMA = 1.4826
 _REWEIGHTINGS = 12
 _SETTLED = 1e-2  # of the heights' standard error: a step that moves the plane less is the last
 _LONGEST = 1.5  # times a step of plain reweighting
@@ -130,7 +130,7 @@ def _middle_and_sigma(heights: Array) -> tuple[float, float]:
     """Median of the heights (0 where it is small) and 1.4826 MAD; of very many heights every n-th is used."""
     some = heights[:: max(1, len(heights) // _ENOUGH_FOR_SCALE)]
     middle = float(np.median(some))
-    sigma = max(float(MAD_TO_SIGMA * np.median(np.abs(some - middle))), _LEAST_SIGMA_MM)
+    sigma = max(mad_sigma(some - middle), _LEAST_SIGMA_MM)
     return (middle if abs(middle) > _OFF_PLANE * sigma else 0.0), sigma
 
 

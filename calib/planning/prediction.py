@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.uncertainty import covariance_root
 from calib.dataset.dataset import Poses
 from calib.planning.question import inverse
 from calib.planning.unknowns import Unknowns
+from calib.statistics import covariance_root
 
 SHARE = 0.9  # share of arms within the band
 _DRAWS = 2000

@@ -42,6 +42,7 @@ from calib.planning.simulated_pairs import (
     under,
 )
 from calib.planning.start import FromRobot
+from calib.statistics import rms
 from calib.workcell.candidates import candidate_poses
 from calib.workcell.measurable import measurable
 from calib.workcell.pose_conditions import COLD_C, WARM_C
@@ -321,9 +322,9 @@ def _sized_causes(cell: PairCell, pool: Offer, times_noise: float, rng: np.rando
     for candidate in [] if made is None else candidates_of(made.differences, made.dataset):
         scales = np.array([parameter.scale for parameter in candidate.parameters])
         unit = rng.uniform(0.5, 1.5, len(scales))
-        rms = 2.0 * float(np.sqrt(np.mean((candidate.columns @ unit) ** 2)))  # a row is half a difference, in sigmas
+        size = 2.0 * rms(candidate.columns @ unit)  # a row is half a difference, in sigmas
         assert load_kg is not None
-        values = times_noise * load_kg / PROOF_PAYLOAD_KG / rms * unit * scales
+        values = times_noise * load_kg / PROOF_PAYLOAD_KG / size * unit * scales
         member, name = candidate.member, family_name(candidate.member)
         natural = [exceeded_bound(member, p, v, 0.0) is None for p, v in zip(candidate.parameters, values, strict=True)]
         if name in GIVES_WAY and all(natural) and len(scales) == len(member.parameters):

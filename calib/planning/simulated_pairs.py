@@ -21,6 +21,7 @@ from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
 from calib.intervention.proof import FEWEST_PAIRS, candidates_of, decided
 from calib.kinematics.robot import Robot
 from calib.planning.pair_design import PairDesign, exchanged_pairs, greedy_pairs
+from calib.statistics import rms
 
 TEMPERATURE = "temperature_c"
 ACTING = (APPROACH, PAYLOAD, TEMPERATURE)
@@ -182,7 +183,7 @@ def design_of(
     if size is not None:
         columns = np.concatenate([c.columns for c in candidates], axis=1)
         # The rows of a pair are half its difference each.
-        shown = [cause * size / (2.0 * float(np.sqrt(np.mean((columns @ cause) ** 2)))) for cause in shown]
+        shown = [cause * size / (2.0 * rms(columns @ cause)) for cause in shown]
     if not shown:
         return None
     return PairDesign.of(made.differences, candidates, np.array(shown)), len(shown) / len(causes)

@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from calib.array_types import Array
 from calib.recordings.series import RecordingError
+from calib.statistics import mad_sigma
 
 STEP_S = 0.02
 _SMOOTH_S = 0.08
@@ -118,7 +119,7 @@ def refined(
     if len(found) < _TRAVELS:
         return ClockOffset(shift, STEP_S, rough[1], 0.0, len(found))
     left = found - np.median(found)
-    spread = max(1.4826 * float(np.median(np.abs(left))), 1e-6)
+    spread = max(mad_sigma(left), 1e-6)
     near = np.abs(left) <= 4.0 * spread
     drift = 0.0
     if near.sum() >= 6 and np.ptp(middles[near]) > 0.0:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.statistics import rms
 
 _OUTLYING = 6.0  # standard deviations from the median: a sample that is left out
 _WINDOW = 5.0  # autocorrelation times that the sum runs over
@@ -46,7 +47,7 @@ def means_of(samples: Sequence[Array]) -> Means:
     tau = autocorrelation_time(away)
     counts = np.array([len(each) for each in kept], dtype=float)
     with np.errstate(divide="ignore"):
-        sigma = float(np.sqrt(np.mean(scatter**2))) * np.sqrt(np.minimum(tau / counts, 1.0))
+        sigma = rms(scatter) * np.sqrt(np.minimum(tau / counts, 1.0))
     return Means(mean, counts, left_out, scatter, tau, np.where(counts > 0, sigma, np.nan))
 
 

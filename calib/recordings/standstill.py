@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from calib.array_types import Array, BoolArray
 from calib.recordings.series import RecordingError
+from calib.statistics import mad_sigmas
 
 LEAST_S = 0.5  # that the arm stands in a phase
 LEAST_SAMPLES = 4
@@ -134,7 +135,7 @@ def _least_step(values: Array) -> Array:
 
 
 def _spread(values: Array) -> Array:
-    return 1.4826 * np.median(np.abs(values - np.median(values, axis=0)), axis=0)
+    return mad_sigmas(values)
 
 
 def _joined(values: Array, spans: list[Phase], noise: Array) -> list[Phase]:

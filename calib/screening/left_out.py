@@ -13,6 +13,7 @@ from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import mean_by_pose
 from calib.screening.projected_residual import ProjectedResidual, project_residual
+from calib.statistics import rms
 
 _FAR, _VERY_FAR = 1.5, 3.0  # times the largest error of a training pose left out
 _FEWEST_FAR, _FEW = 3, 0.15  # test poses that are far off, in number and as a share of them: fewer are single poses
@@ -64,7 +65,7 @@ def cross_validated_rmse_mm(
     projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
 ) -> float:
     """RMS error per coordinate, mm, when each pose is predicted from all others (`left_out_errors_mm`)."""
-    return float(np.sqrt(np.mean(left_out_errors_mm(projected, columns, spread) ** 2)))
+    return rms(left_out_errors_mm(projected, columns, spread))
 
 
 def far_test_poses(calibration: Calibration) -> tuple[str, ...]:

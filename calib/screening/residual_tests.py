@@ -24,6 +24,7 @@ from calib.distributions import chi2_sf, f_sf
 from calib.screening.projected_residual import ProjectedResidual
 from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose
 from calib.screening.smooth_motions import JointFault, smooth_motion
+from calib.statistics import axis_sigma
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01
@@ -220,7 +221,7 @@ def _share_above(values: Array, least: float) -> float:
 def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float | None, float, str, float]:
     """p-value of the residual's size, the noise sigma it is compared with, its source, and the residual sigma; mm."""
     observed = projected.residuals.observed
-    declared_mm = float(np.sqrt(np.mean(np.trace(observed.covariance_mm2, axis1=1, axis2=2)) / 3.0))
+    declared_mm = axis_sigma(observed.covariance_mm2)
     residual_mm = projected.sigma * declared_mm
     square = float(projected.residual @ projected.residual)
     repeats = noise_of_repeats(dataset)
@@ -229,7 +230,7 @@ def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float 
     if repeats is not None and counts_as is not None:
         # Points are means of repeats, whose scatter is no part of the residual.
         single = observed.covariance_mm2 * counts_as[:, None, None]
-        single_mm = float(np.sqrt(np.mean(np.trace(single, axis1=1, axis2=2)) / 3.0))
+        single_mm = axis_sigma(single)
         ratio = square / projected.dof / (noise_mm / single_mm) ** 2
         mean_noise_mm = noise_mm * declared_mm / single_mm
         return f_sf(ratio, projected.dof, dof), mean_noise_mm, "repeats", residual_mm

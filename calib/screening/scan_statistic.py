@@ -15,6 +15,7 @@ from calib.array_types import Array, BoolArray
 from calib.calibration.pose_errors import inputs_at
 from calib.dataset.input_names import PLACES, joint_input
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
+from calib.statistics import rms
 
 _WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
 _CENTRES = 25
@@ -54,7 +55,7 @@ class ScanStatistic:
         for axis, name in zip(np.eye(len(axes)), axes, strict=True):
             directions[Channel(axis=name)] = np.broadcast_to(axis, (len(outlier), len(axes)))
         for j, direction in enumerate(joint_directions(projected)):
-            size = max(float(np.sqrt(np.mean(direction**2))), 1e-300)
+            size = max(rms(direction), 1e-300)
             directions[Channel(joint=j)] = direction / size
         inputs = inputs_of(projected)
         return cls(

@@ -15,6 +15,7 @@ from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
 from calib.screening.member_columns import displacement_columns
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
 from calib.screening.sparse_evidence import mean_likelihood
+from calib.statistics import rms, rms_length
 
 _OWN_RAD = (0.3, 0.6)  # correlation lengths of a smooth motion over the joint's own angle
 _ARM_RAD = (0.8, 1.5)  # over the angles of the first three joints
@@ -64,9 +65,9 @@ def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
     evaluated = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.dof))
     sigma_mm = np.sqrt(np.trace(projected.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
     moved_mm = evaluated.explained.reshape(len(sigma_mm), -1) * sigma_mm[:, None]
-    size = _USUAL * float(np.sqrt(np.mean((span @ evaluated.coefficients[0]) ** 2)))
+    size = _USUAL * rms(span @ evaluated.coefficients[0])
     total = mean_likelihood(np.array([value for value, _, _ in tried]))
-    visible_mm = float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))
+    visible_mm = rms_length(moved_mm)
     return JointFault("smooth", joint, total, size, "rad", visible_mm)
 
 

@@ -31,6 +31,7 @@ from calib.errors import FitError
 from calib.kinematics.chain import forward
 from calib.presented import Presented
 from calib.screening.evidence import holm
+from calib.statistics import rms
 
 ALPHA = 0.01  # family-wise significance level of a change, over all parameters
 MOST_CHANGES = 4
@@ -248,4 +249,4 @@ def _shift(one: Calibration, other: Calibration) -> tuple[float, float, str]:
     moved = frames.apply(frames.best_fit_transform(points[1], points[0]), points[1])
     apart_mm = np.linalg.norm(moved - points[0], axis=1)
     worst = int(np.argmax(apart_mm))
-    return float(np.sqrt(np.mean(apart_mm**2))), float(apart_mm[worst]), ids[worst]
+    return rms(apart_mm), float(apart_mm[worst]), ids[worst]

@@ -29,6 +29,7 @@ from calib.measurement.measured_dataset import measured_as_asked
 from calib.options import DEFAULT_FOLDS, FitFields, FitOptions
 from calib.presented import Presented
 from calib.progress import OnProgress, counted
+from calib.statistics import rms
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
 SUSPICIOUS = 1.5  # held-out over training error, in multiples of its value by noise alone, for a warning
@@ -95,8 +96,8 @@ class CrossValidation(Presented):
                 "setup": of_pose["setup"].iloc[0],
                 "fold": fold_of[str(pose)],
                 "points": len(of_pose),
-                "nominal_mm": float(np.sqrt(np.mean(of_pose["nominal_mm"] ** 2))),
-                "error_mm": float(np.sqrt(np.mean(of_pose["error_mm"] ** 2))),
+                "nominal_mm": rms(of_pose["nominal_mm"]),
+                "error_mm": rms(of_pose["error_mm"]),
                 "distance_error_mm": float(of_pose["distance_error_mm"].iloc[0]),
             }
             for pose, of_pose in points.groupby("pose", sort=False)

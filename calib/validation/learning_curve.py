@@ -27,6 +27,7 @@ from calib.measurement.measured_dataset import measured_as_asked
 from calib.options import FitFields, FitOptions
 from calib.presented import Presented
 from calib.progress import OnProgress, counted
+from calib.statistics import rms
 from calib.validation.splits import (
     MIN_FRAME_POSES,
     JointGroups,
@@ -215,9 +216,6 @@ def _fewest(dataset: Dataset, groups: JointGroups, residual: str) -> int:
 
 
 def _step(poses: int, fits: list[Calibration]) -> LearningStep:
-    def rms(values: list[float]) -> float:
-        return float(np.sqrt(np.mean(np.square(values))))
-
     train = [fit.after.train.rmse_mm for fit in fits if fit.after.train is not None]
     held_out = [fit.after.test.rmse_mm for fit in fits if fit.after.test is not None]
     return LearningStep(

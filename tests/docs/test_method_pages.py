@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib import statistics
 from calib.corners.correlated_noise import likelihood, posterior
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.diagnosis import decision_rules, diagnose, learning, search_space, verdict
@@ -49,7 +50,7 @@ def row(values: object) -> str:
 
 # What a page says, with the code's constant in it.
 SAID = [
-    ("corners", f"$s$ = {robust_fit.MAD_TO_SIGMA:g} times the median"),
+    ("corners", f"$s$ = {statistics.MAD_TO_SIGMA:g} times the median"),
     ("corners", f"( h / {robust_fit.TUKEY:g} s )^2"),
     ("corners", f"$h$ of {row(clustering._NARROWING)} sigmas"),
     ("corners", f"{len(likelihood.LENGTHS)} lengths $l$ and {len(posterior.SIZES)} sizes"),

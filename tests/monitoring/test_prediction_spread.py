@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.uncertainty import covariance_root
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
@@ -17,6 +16,7 @@ from calib.monitoring.prediction_spread import Spread
 from calib.monitoring.watch import watch
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
+from calib.statistics import covariance_root
 
 M = 12
 

@@ -26,6 +26,7 @@ from calib.corners.faces.face_outline import FaceOutline, along_edges, flat_marg
 from calib.jig import Jig, Outline
 from calib.lazy_modules import spatial
 from calib.planes.robust_fit import TUKEY, PlaneFit
+from calib.statistics import mad_sigma
 
 _NEIGHBOURS = (
     ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)),
@@ -329,7 +330,7 @@ def _robust_solution(rows: Array, values: Array) -> tuple[Array, Array, Array]:
         normal_matrix = np.asarray((rows * weights[:, None]).T @ rows + np.diag(prior))
         solution = np.asarray(np.linalg.solve(normal_matrix, rows.T @ (weights * values)), dtype=np.float64)
         residuals = values - rows @ solution
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(residuals))))
+        scale = max(1.0, mad_sigma(residuals))
         before, weights = weights, np.asarray(np.clip(1 - (residuals / (TUKEY * scale)) ** 2, 0, None) ** 2)
         if np.abs(weights - before).max() < _SAME_WEIGHTS:
             break

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from calib.calibration.promise import PointPromise
 from calib.dataset.dataset import Poses
 from calib.rendering import numbers
+from calib.statistics import rms
 
 COVERAGE = "90 % intervals"
 
@@ -18,7 +17,7 @@ def coverage_words(promise: PointPromise) -> str:
     share = promise.coverage_90
     if share is None:
         return ""
-    sigma_mm = float(np.sqrt(np.mean(promise.sigma_mm[promise.is_test] ** 2)))
+    sigma_mm = rms(promise.sigma_mm[promise.is_test])
     count = promise.error_mm[promise.is_test].size
     of_points = f"promised sigma {numbers.length(sigma_mm)} per coordinate"
     return f"cover {100.0 * share:.0f} % of {count} test coordinates; {of_points}"

@@ -11,6 +11,7 @@ from calib.compensation.target_correction import Correction
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Facts, Paragraph, Presentation, Table
+from calib.statistics import rms
 
 _LISTED = 20  # targets that are not reached, with the reason each
 
@@ -79,7 +80,7 @@ def attitude_phrase(correction: Correction) -> str:
     sigma_rad = correction.attitude_sigma_rad
     if sigma_rad is None or not len(correction.q):
         return ""
-    known, turn = (numbers.digits(1e3 * float(np.sqrt(np.mean(a**2)))) for a in (sigma_rad, correction.uncorrected_rad))
+    known, turn = (numbers.digits(1e3 * rms(a)) for a in (sigma_rad, correction.uncorrected_rad))
     phrase = f"the fit knows the tool's attitude to {known} mrad (sigma), a correction turns it by {turn} mrad"
     return phrase if correction.kind == "pose" else f"{phrase}: the positions are corrected and no attitude is claimed"
 

@@ -16,10 +16,11 @@ from calib.blas_threads import one_blas_thread
 from calib.kinematics.robot import Robot
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence
 from calib.screening.curves.joint_curves import MIN_LOG_EVIDENCE, MIN_VISIBLE, MOST_WORK, LearnedCurves
-from calib.screening.curves.law_search import MIN_STANDARD_ERRORS, left_out_with, rms, standard_errors_of_fall
+from calib.screening.curves.law_search import MIN_STANDARD_ERRORS, left_out_with, standard_errors_of_fall
 from calib.screening.curves.smooth_joint_error import CouplingModes, SmoothJointError
 from calib.screening.left_out import left_out_errors_mm
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
+from calib.statistics import rms
 
 _LEAST_JOINTS = 3  # that turn: with fewer, curves over both and their sums are the same
 

@@ -22,6 +22,7 @@ from calib.screening.curves.smooth_joint_error import (
     formula_text,
     input_values,
 )
+from calib.statistics import rms
 
 _PLACES = 401  # at which a curve is computed
 _BEYOND = 0.12  # of the measured range, on either side
@@ -116,7 +117,7 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
             value=modes @ fit.x[own],
             sigma=np.sqrt(np.maximum(variance, 0.0)),
             measured=measured,
-            rms=float(np.sqrt(np.mean((member.joint_motions(state)[training] @ fit.x[own]) ** 2))),
+            rms=rms(member.joint_motions(state)[training] @ fit.x[own]),
             known=int(np.count_nonzero(fit.sigma[own] < 0.5 * np.array(member.prior_sigma_rad))),
             parameters=len(own),
             formula=formula_text([member], values),

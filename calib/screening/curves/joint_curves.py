@@ -20,7 +20,6 @@ from calib.screening.curves.law_search import (
     law_columns,
     law_member,
     left_out_with,
-    rms,
     standard_errors_of_fall,
     summed_laws,
 )
@@ -37,6 +36,7 @@ from calib.screening.curves.smooth_joint_error import (
 )
 from calib.screening.left_out import cross_validated_rmse_mm
 from calib.screening.projected_residual import ProjectedResidual, joint_directions, project_residual
+from calib.statistics import rms
 
 MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reached 2.5 in 12 clean arms
 _BANDS = (48, 120, 240)  # waves a turn over a joint's angle, up to which curves are learned one after another

@@ -26,6 +26,7 @@ from calib.screening.curves.smooth_joint_error import (
     formula_text,
     input_values,
 )
+from calib.statistics import rms
 
 _SIGMAS_95 = 1.96
 _OVER_A_WIDTH = ("line", "hinge", "root")  # terms of which the size counts after a usual way of the input
@@ -116,9 +117,9 @@ def _reading(
         bound=LAW_BOUNDS[0].size,
         is_revolute=state.robot.joints[joint].is_revolute,
         at=_usual_values(modes, calibration),
-        tool_mm=float(np.sqrt(np.mean((lever_mm * moved) ** 2))),
+        tool_mm=rms(lever_mm * moved),
         formula=formula_text([member], values) or "",
-        refuted_by=_refutation(member, modes, amounts, state, training, float(np.sqrt(np.mean(lever_mm**2)))),
+        refuted_by=_refutation(member, modes, amounts, state, training, rms(lever_mm)),
     )
 
 
@@ -140,7 +141,7 @@ def _size(modes: FormulaModes, amounts: Array, covariance: Array, motions: Array
         slope = amounts / max(size, 1e-300)
     else:
         moved = motions @ amounts
-        size = float(np.sqrt(np.mean(moved**2)))
+        size = rms(moved)
         slope = motions.T @ moved / (len(moved) * max(size, 1e-300))
     return size, float(np.sqrt(max(float(slope @ covariance @ slope), 0.0)))
 

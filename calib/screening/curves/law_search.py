@@ -14,6 +14,7 @@ from calib.screening.curves.laws import LawForm, law_motions, laws_tried
 from calib.screening.curves.smooth_joint_error import FormulaModes, SmoothJointError, inputs_named
 from calib.screening.left_out import left_out_errors_mm
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
+from calib.statistics import rms
 
 MIN_FIRST_GAIN = 8.0  # in log evidence, beyond what choosing the first law costs
 MIN_FURTHER_GAIN = 5.0  # of one beside others
@@ -169,11 +170,6 @@ def standard_errors_of_fall(projected: ProjectedResidual, before_mm: Array, afte
     poses, row = np.unique(pose, return_inverse=True)
     fall = np.bincount(row, before_mm**2 - after_mm**2, minlength=len(poses))
     return float(fall.mean() / max(float(fall.std(ddof=1)) / np.sqrt(len(fall)), 1e-300))
-
-
-def rms(values: Array) -> float:
-    """Root mean square of some values."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _unlike(best: LawForm, others: Sequence[LawForm]) -> tuple[LawForm, ...]:

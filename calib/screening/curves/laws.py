@@ -16,6 +16,7 @@ from calib.dataset.input_names import history_input, quantity_of, summed_joints
 from calib.effects.gravity import loaded_joints
 from calib.effects.state import RobotState
 from calib.screening.curves.smooth_joint_error import FormulaModes, FormulaTerm, input_values
+from calib.statistics import rms
 
 ANGLE = "own angle"
 LOAD = "load"
@@ -137,7 +138,7 @@ class _Sizes:
             values = input_values(self.state, name)
             low, high = float(np.min(values)), float(np.max(values))
             varies = np.all(np.isfinite(values)) and high - low > _LEAST_VARIATION * max(1.0, abs(low), abs(high))
-            self._kept[name] = (float(np.sqrt(np.mean(values**2))) if varies else 0.0, low, high)
+            self._kept[name] = (rms(values) if varies else 0.0, low, high)
         return self._kept[name]
 
 

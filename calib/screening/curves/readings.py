@@ -23,6 +23,7 @@ from calib.screening.curves.smooth_joint_error import (
     SmoothJointError,
     inputs_named,
 )
+from calib.statistics import rms
 
 SLOPE, WAVE, WAVES, BUMP, LOAD, TWO_JOINTS, OTHER_INPUT, ROUGH = (
     *("slope", "wave", "waves", "bump", "load ripple", "two joints", "other input", "rough"),
@@ -213,7 +214,7 @@ def coupling_readings(calibration: Calibration) -> tuple[CouplingReading, ...]:
         out.append(
             CouplingReading(
                 joint=member.joint + 1,
-                size=float(np.sqrt(np.mean(moved**2))),
+                size=rms(moved),
                 known=int(np.count_nonzero(fit.sigma[own] < 0.5 * np.array(member.prior_sigma_rad))),
                 parameters=len(own),
                 strongest=tuple(modes.inputs[k] for k in strongest),

@@ -16,6 +16,7 @@ from calib.simulation.truth.effect import needed
 from calib.simulation.truth.mechanism import Arm, Conditions, in_frame
 from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
 from calib.simulation.truth.visibility import SimulatedCell
+from calib.statistics import rms_length
 
 
 def _after(count: int, first: int) -> BoolArray:
@@ -88,7 +89,7 @@ class ScannerStep(SampledEffect):
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Knock of the scanner whose shift and turn move a point at the field's edge about equally far."""
         middle_mm = cell.plain_mm.mean(axis=0)
-        reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
+        reach_mm = rms_length(cell.plain_mm - middle_mm)
         turn_rad = 0.2 / reach_mm * rng.standard_normal(3)
         return cls(0.2 * rng.standard_normal(3), turn_rad, middle_mm, _first_pose(cell, rng))
 

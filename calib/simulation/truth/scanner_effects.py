@@ -15,6 +15,7 @@ from calib.simulation.truth.effect import needed
 from calib.simulation.truth.mechanism import Conditions
 from calib.simulation.truth.sampling import Rng, SampledEffect
 from calib.simulation.truth.visibility import SimulatedCell
+from calib.statistics import rms_length
 
 
 def _at(scanner_T_target: Array, xyz_mm: Array) -> Array:
@@ -46,7 +47,7 @@ class ScannerDistortion(SampledEffect):
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Distortion of three terms, one dominant; each could move a point at the field's edge equally far."""
         middle_mm = cell.plain_mm.mean(axis=0)
-        reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
+        reach_mm = rms_length(cell.plain_mm - middle_mm)
         k = 0.2 * rng.choice([-1.0, 1.0], 3) * (0.2 + 0.8 * np.eye(3)[rng.integers(3)])
         return cls(k[0] / reach_mm, k[1] / reach_mm**2, k[2] / reach_mm**3, middle_mm)
 
@@ -132,7 +133,7 @@ class FieldBump(SampledEffect):
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Bump at one of the points, 0.25 to 0.4 times as wide (standard deviation) as the points' RMS radius."""
         middle_mm = cell.plain_mm.mean(axis=0)
-        reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
+        reach_mm = rms_length(cell.plain_mm - middle_mm)
         direction = rng.standard_normal(3) * np.array([0.3, 0.3, 1.0])
         place_mm = cell.plain_mm[rng.integers(len(cell.q))]
         return cls(0.3 * direction / np.linalg.norm(direction), place_mm, reach_mm * rng.uniform(0.25, 0.4))

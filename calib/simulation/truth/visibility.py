@@ -18,6 +18,7 @@ from calib.kinematics.robot import Robot
 from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
+from calib.statistics import rms, rms_length
 
 _ABSORBED = 1e-4
 """An effect whose visible share is less counts as absorbed: the rest is of second order."""
@@ -48,7 +49,7 @@ class SimulatedCell:
 
     def moved_rms_mm(self, effect: TrueEffect) -> float:
         """Rms length of `moved_mm`."""
-        return float(np.sqrt(np.mean(np.sum(self.moved_mm(effect) ** 2, axis=1))))
+        return rms_length(self.moved_mm(effect))
 
     def visible_mm(self, effect: TrueEffect) -> Array:
         """Displacements (N, 3), mm, by the effect that link parameters and scanner frames cannot imitate."""
@@ -57,7 +58,7 @@ class SimulatedCell:
 
     def visible_rms_mm(self, effect: TrueEffect) -> float:
         """Rms of `visible_mm` over all coordinates."""
-        return float(np.sqrt(np.mean(self.visible_mm(effect) ** 2)))
+        return rms(self.visible_mm(effect))
 
     def scaled_to_visible(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
         """The effect scaled so that a geometric fit leaves a residual of `rms_mm` per coordinate.

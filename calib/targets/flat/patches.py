@@ -11,6 +11,7 @@ from calib.lazy_modules import spatial
 from calib.planes.normals import NEIGHBOURS, estimate_normals
 from calib.planes.point_selection import thin_to_voxels
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
+from calib.statistics import mad_sigma
 
 _VOXELS_A_SIZE = 24
 _ALIKE_RAD = np.radians(9)
@@ -69,7 +70,7 @@ def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_
     offset = float(np.median(thinned @ normal))
     for _ in range(3):
         heights = points[on] @ normal - offset
-        sigma = max(1.4826 * float(np.median(np.abs(heights - np.median(heights)))), noise_mm, 1e-6)
+        sigma = max(mad_sigma(heights - np.median(heights)), noise_mm, 1e-6)
         near = on[np.abs(heights) < _BAND_SIGMA * sigma]
         if len(near) < _FEWEST_POINTS:
             return None

@@ -20,6 +20,7 @@ from calib.lazy_modules import spatial
 from calib.planes.point_selection import finite_rows
 from calib.planes.robust_fit import PlaneFit
 from calib.scans.scan import Scan, seeded_generator
+from calib.statistics import mad_sigma
 from calib.target_shapes import Plate
 from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
@@ -313,7 +314,7 @@ def _outermost(edge: _Edge, corner: Array, flat: _Flat) -> tuple[Array, float, f
     for _ in range(10):
         line = np.linalg.lstsq(design * weight[:, None] ** 0.5, last * weight**0.5, rcond=None)[0]
         residual = last - design @ line
-        scale = max(1.4826 * float(np.median(np.abs(residual - np.median(residual)))), 0.05 * pitch)
+        scale = max(mad_sigma(residual - np.median(residual)), 0.05 * pitch)
         weight = np.clip(1 - (residual / (4.7 * scale)) ** 2, 1e-6, None) ** 2
     inverse = np.linalg.inv((design * weight[:, None]).T @ design)
     variance = inverse[0, 0] * float(weight @ residual**2) / max(float(weight.sum()) - 2, 1.0)

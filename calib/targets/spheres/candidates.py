@@ -14,6 +14,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.lazy_modules import spatial
 from calib.planes.normals import Neighbourhoods
+from calib.statistics import mad_sigma
 
 _MOST_TRIED = 12
 _PAIRS_A_POINT = 6
@@ -123,7 +124,7 @@ def _settled(
             return None
         rows = np.column_stack([way[on] / reach[on, None], np.ones(votes)])
         over = reach[on] - radius
-        scale = max(1.4826 * float(np.median(np.abs(over - np.median(over)))), 1e-3 * radius)
+        scale = max(mad_sigma(over - np.median(over)), 1e-3 * radius)
         weight = np.clip(1 - (over / (6 * scale)) ** 2, 0, None) ** 2
         normal = rows.T @ (rows * weight[:, None]) + 1e-6 * votes * np.eye(4)
         step = np.linalg.solve(normal, rows.T @ (weight * over))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.planes.robust_fit import MAD_TO_SIGMA
+from calib.statistics import mad_sigma
 
 LEAST_SIGMA_MM = 1e-6  # of a scan without noise
 _BINS = 12
@@ -44,14 +44,14 @@ def growth_of(over: Array, sine: Array) -> NoiseGrowth:
     Some of the distances may be no noise. Few points show one sigma, more show its growth, many show its curvature.
     """
     middle = float(np.median(over))
-    level = max(float(MAD_TO_SIGMA * np.median(np.abs(over - middle))), LEAST_SIGMA_MM)
+    level = max(mad_sigma(over - middle), LEAST_SIGMA_MM)
     bins = min(_BINS, len(over) // _POINTS_A_BIN)
     if bins < 3:
         return NoiseGrowth(level, np.zeros(2))
     order = np.argsort(sine)
     parts = np.array_split(order, bins)
     lean = np.array([float(np.mean(_lean(sine[part]))) for part in parts])
-    spread = np.array([float(MAD_TO_SIGMA * np.median(np.abs(over[part] - middle))) for part in parts])
+    spread = np.array([mad_sigma(over[part] - middle) for part in parts])
     count = np.array([len(part) for part in parts])
     log = np.log(np.maximum(spread, LEAST_SIGMA_MM))
     powers = 2 if bins >= 8 else 1

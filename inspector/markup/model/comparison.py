@@ -10,6 +10,7 @@ from calib.present.fit.calibration import errors_by_version, pose_error_by_versi
 from calib.present.names import ROLES
 from calib.rendering import html, numbers
 from calib.rendering.blocks import Paragraph, Section
+from calib.statistics import rms
 from inspector.markup.parts import colour_scale, elements
 from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS
 from inspector.session.view import BY_ERROR, View
@@ -75,7 +76,7 @@ def distance_html(view: View, distances_mm: Array | None) -> str:
         return title + elements.note("No point of this scan lies on the jig's faces.")
     facts = [
         ("points on the jig", f"{len(known):,} of {len(distances_mm):,}"),
-        ("rms distance", numbers.length(float(np.sqrt(np.mean(known**2))))),
+        ("rms distance", numbers.length(rms(known))),
         ("19 in 20 within", f"±{numbers.length(float(np.percentile(np.abs(known), 95)))}"),
     ]
     return (

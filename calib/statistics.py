@@ -1,0 +1,43 @@
+"""Sizes and spreads of numbers, of vectors and of covariances."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.array_types import Array
+
+MAD_TO_SIGMA = 1.4826  # of normal numbers: sigma over the median of their absolute deviations
+
+
+def mad_sigma(deviations: Array) -> float:
+    """Sigma of normal numbers, robust to outliers, from their deviations from the middle: 1.4826 MAD."""
+    return float(MAD_TO_SIGMA * np.median(np.abs(deviations)))
+
+
+def mad_sigmas(values: Array) -> Array:
+    """Robust sigma (n,) of each column of values (N, n) about its median: 1.4826 MAD."""
+    return np.asarray(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
+
+
+def rms(values: ArrayLike) -> float:
+    """Root mean square of numbers."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def rms_length(vectors: Array) -> float:
+    """Root mean square of the lengths of vectors (N, d)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
+def axis_sigma(covariances: Array) -> float:
+    """Sigma along one axis of errors in space with these covariances (N, 3, 3), root mean square."""
+    return float(np.sqrt(np.mean(np.trace(covariances, axis1=1, axis2=2)) / 3.0))
+
+
+def covariance_root(covariance: Array) -> Array:
+    """Root R (P, P) of a covariance R R^T, in any units; negative eigenvalues from rounding count as zero."""
+    scale = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    size, turn = np.linalg.eigh(inverse[:, None] * covariance * inverse)
+    return np.asarray(scale[:, None] * turn * np.sqrt(np.clip(size, 0.0, None)))
