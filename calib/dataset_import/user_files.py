@@ -25,7 +25,7 @@ _CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npy", ".npz", ".las
 _MESHES = (".stl", ".obj")  # scans where nothing else can be
 _MANY = 4  # texts of three numbers a line in one folder, which are scans then
 _ROBOT_COLUMNS = ({"theta", "d", "a", "alpha"}, {"wx", "wy", "wz"}, {"x", "y", "z", "roll", "pitch", "yaw"})
-_ORDER = (".toml", ".urdf", ".xacro", ".sdf", ".xml", ".conf", ".csv", ".yaml", ".yml")  # of robots, the surest first
+_ORDER = (".toml", ".urdf", ".xacro", ".xml", ".conf", ".csv", ".yaml", ".yml")  # of robots, the surest first
 DATASET, ROBOT, JOINTS, POINTS, BOTH, SCAN, UNUSED = (
     "dataset", "robot", "joints", "points", "joints and points", "scan", "not used",
 )  # fmt: skip
@@ -151,7 +151,7 @@ def _judged(path: Path) -> UserFile:
     suffix = path.suffix.lower()
     if path.is_dir() or suffix in (*BAGS, PARQUET, *JSON_LINES):
         return _recording(path)
-    if suffix in (".urdf", ".xacro", ".sdf"):
+    if suffix in (".urdf", ".xacro"):
         return UserFile(path, ROBOT, f"by its suffix {suffix}")
     if suffix == ".conf":
         return UserFile(path, ROBOT, "a controller's calibration.conf")
@@ -159,7 +159,6 @@ def _judged(path: Path) -> UserFile:
         head = _head(path)
         for mark, words in (
             ("<robot", "a URDF"),
-            ("<sdf", "an SDF"),
             ("<mujoco", "a MuJoCo model"),
             ("[[joints]]", "a robot.toml"),
         ):

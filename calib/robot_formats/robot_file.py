@@ -16,19 +16,21 @@ from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, chain_frames
 from calib.robot_formats.mjcf import chain_of_mjcf
-from calib.robot_formats.moveit import Group, chains, group_of, with_limits
 from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml
-from calib.robot_formats.sdf import tree_of_sdf
 from calib.robot_formats.tables import chain_of_table
 from calib.robot_formats.ur_calibration import read_ur_calibration
 from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm, tip_links
 from calib.robot_formats.urdf.meshes import MeshFile, Packages, link_meshes
 from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
-from calib.robot_formats.urdf.tree import UrdfTree, read_tree
+from calib.robot_formats.urdf.tree import read_tree
 from calib.robot_formats.urdf.xacro import Xacro, expanded_xacro
 
 SOURCE = "source"  # the table of robot.toml that says which file and links it was made of
-SUFFIXES = (".toml", ".urdf", ".xml", ".yaml", ".yml", ".conf", ".csv", ".xacro", ".sdf")
+SUFFIXES = (".toml", ".urdf", ".xml", ".yaml", ".yml", ".conf", ".csv", ".xacro")
+_GONE = {  # forms that are not read, with what to give instead
+    ".sdf": "SDF is not read; give the arm's URDF",
+    ".srdf": "an SRDF is not read; give the arm's URDF, and the links of the group as --base and --tip",
+}
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,6 @@ class ReadOptions:
     model: str | None = None  # of a UR controller's calibration.conf
     xacro: Xacro | None = None  # None: a xacro is refused, as it computes and reads other files
     packages: Packages | None = None  # folders of ROS packages with meshes; None: none is looked for
-    srdf: str | None = None  # FILE or FILE#GROUP, whose group tells base and tip
-    joint_limits: Path | None = None  # a joint_limits.yaml
 
 
 def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotFile:
@@ -76,6 +76,8 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    if suffix in _GONE:
+        raise RobotFileError(f"{path}: {_GONE[suffix]}")
     if suffix not in SUFFIXES:
         found = suffix or "no suffix"
         raise RobotFileError(f"{path}: {found} is no form of a robot; expected {', '.join(SUFFIXES)}")
@@ -96,34 +98,11 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
         if file.root.tag == "mujoco":
             chain = chain_of_mjcf(file, reading.tip, reading.base)
         else:
-            tree = tree_of_sdf(file) if file.root.tag == "sdf" else read_tree(file)
-            return _of_arm(*_arm(tree, path, reading), path, reading.packages)
+            return _of_arm(find_arm(read_tree(file), reading.tip, reading.base), path, reading.packages)
     return _with_source(robot_of(chain), chain, path)
 
 
-def _arm(tree: UrdfTree, path: Path, reading: ReadOptions) -> tuple[ArmPath, tuple[str, ...]]:
-    """The arm between the links that the options, or the group of an SRDF, name; and notes on these."""
-    tip, base, notes = reading.tip, reading.base, []
-    beside = path.with_suffix(".srdf")
-    group: Group | None = None
-    if reading.srdf is not None:
-        file, _, name = reading.srdf.partition("#")
-        group = group_of(read_xml(Path(file), reading.xacro), tree, name or None)
-        beside = Path(file)
-    elif tip is None and base is None and reading.packages is not None and beside.is_file():
-        groups = chains(read_xml(beside), tree)
-        group = groups[0] if len(groups) == 1 else None
-    if group is not None:
-        tip, base = tip or group.tip, base or group.base
-        notes.append(f"base and tip are those of the group {group.name} of {beside.name}")
-    arm = find_arm(tree, tip, base)
-    if reading.joint_limits is not None:
-        arm, words = with_limits(arm, reading.joint_limits)
-        notes.append(words)
-    return arm, tuple(notes)
-
-
-def _of_arm(arm: ArmPath, notes: tuple[str, ...], path: Path, packages: Packages | None) -> RobotFile:
+def _of_arm(arm: ArmPath, path: Path, packages: Packages | None) -> RobotFile:
     """Robot of a tree of links, with its meshes in the frames of robot.toml."""
     chain = chain_of_arm(arm)
     read = _with_source(robot_of(chain), chain, path)
@@ -133,17 +112,17 @@ def _of_arm(arm: ArmPath, notes: tuple[str, ...], path: Path, packages: Packages
         tuple(replace(one, link_T_mesh=place @ one.link_T_mesh) for one in files)
         for place, files in zip(in_table, found.of_joint, strict=True)
     )
-    return replace(read, notes=(*notes, *read.notes, *found.notes), meshes=meshes if any(meshes) else ())
+    return replace(read, notes=(*read.notes, *found.notes), meshes=meshes if any(meshes) else ())
 
 
 def tips_of(path: Path) -> tuple[str, ...]:
     """Possible tip links of a URDF, the tip of the longest arm first; () for other formats. Raises CalibError."""
-    if path.suffix.lower() not in (".urdf", ".xml", ".xacro", ".sdf"):
+    if path.suffix.lower() not in (".urdf", ".xml", ".xacro"):
         return ()
     file = read_xml(path)
     if file.root.tag == "mujoco":
         return ()
-    return tuple(tip_links(tree_of_sdf(file) if file.root.tag == "sdf" else read_tree(file)))
+    return tuple(tip_links(read_tree(file)))
 
 
 def named_robot(name: str, reading: ReadOptions = ReadOptions()) -> RobotFile:
@@ -194,14 +173,12 @@ def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
 
 def _refuse_unused(path: Path, suffix: str, reading: ReadOptions) -> None:
     """Raise RobotFileError for an option that the file's format does not use."""
-    has_links = suffix in (".urdf", ".xml", ".xacro", ".sdf")
+    has_links = suffix in (".urdf", ".xml", ".xacro")
     for option, value, used in (
         ("--tip", reading.tip, has_links),
         ("--base", reading.base, has_links),
         ("--convention", reading.convention, suffix == ".csv"),
         ("--model", reading.model, suffix == ".conf"),
-        ("--srdf", reading.srdf, suffix in (".urdf", ".xacro", ".sdf")),
-        ("--joint-limits", reading.joint_limits, suffix in (".urdf", ".xacro", ".sdf")),
     ):
         if value is not None and not used:
             raise RobotFileError(f"{path}: {option} says nothing about a {suffix}; leave it out")

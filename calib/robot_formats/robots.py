@@ -14,10 +14,9 @@ from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.mjcf_text import plain_mjcf
 from calib.robot_formats.origin_yaml import plain_yaml
 from calib.robot_formats.robot_file import ReadOptions, named_robot
-from calib.robot_formats.sdf import plain_sdf
 from calib.robot_formats.urdf.text import plain_urdf
 
-WRITTEN_SUFFIXES = (".toml", ".urdf", ".yaml", ".yml", ".sdf", ".xml")
+WRITTEN_SUFFIXES = (".toml", ".urdf", ".yaml", ".yml", ".xml")
 
 
 def load_robot(
@@ -28,7 +27,7 @@ def load_robot(
     convention: str | None = None,
     model: str | None = None,
 ) -> Robot:
-    """A robot from robot.toml, URDF, SDF, MJCF, a kinematics YAML or CSV, a dataset's folder, or built in by its name.
+    """A robot from robot.toml, URDF, MJCF, a kinematics YAML or CSV, a dataset's folder, or built in by its name.
 
     Args:
         source: the file, the folder, the name of a built-in robot ("rb5", "panda"), or a robot, which is returned.
@@ -63,7 +62,7 @@ def load_robot(
 
 
 def save_robot(robot: Robot | str | Path, path: str | Path, template: str | Path | None = None) -> tuple[str, ...]:
-    """Write a robot as .toml, .urdf, .sdf, .xml (MuJoCo) or .yaml; returns notes on what the form cannot hold.
+    """Write a robot as .toml, .urdf, .xml (MuJoCo) or .yaml; returns notes on what the form cannot hold.
 
     Args:
         robot: a robot, or what `load_robot` takes: so one form is converted into another.
@@ -99,8 +98,6 @@ def robot_content(robot: Robot, path: Path, template: Path | None = None) -> tup
     chain = chain_of(robot)
     if suffix == ".xml":
         return plain_mjcf(chain).encode(), tuple(f"note: {note}" for note in _not_in_model(robot))
-    if suffix == ".sdf":
-        return plain_sdf(chain).encode(), tuple(f"note: {note}" for note in _not_in_model(robot))
     if not is_urdf:
         note = "note: a maker's description has other frames; give its own file as --template"
         return plain_yaml(chain).encode(), (note,)

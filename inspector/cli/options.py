@@ -308,8 +308,6 @@ class RobotFileOptions(Output):
     model: str | None
     xacro_arg: Sequence[tuple[str, str]]
     package: Sequence[tuple[str, Path]]
-    srdf: str | None  # FILE or FILE#GROUP
-    joint_limits: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)

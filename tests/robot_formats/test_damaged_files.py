@@ -18,7 +18,7 @@ from calib.robot_formats.urdf.xacro import Xacro
 from inspector.cli.parser import main
 from tests.support.chains import shoulder_arm
 from tests.support.robot_mutations import mutated
-from tests.support.robot_texts import FRANKA, MJCF, SDF, UR10_CONF, UR_YAML
+from tests.support.robot_texts import FRANKA, MJCF, UR10_CONF, UR_YAML
 from tests.support.sweeps import sweep
 
 FILES = {
@@ -27,7 +27,6 @@ FILES = {
     "arm.conf": (UR10_CONF, ReadOptions(model="ur10")),
     "arm.csv": (FRANKA, ReadOptions(convention="modified")),
     "arm.xml": (MJCF, ReadOptions(tip="tcp")),
-    "arm.sdf": (SDF, ReadOptions()),
 }
 COUNTS = sweep([12, 400], every_run=[12])
 

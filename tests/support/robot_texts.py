@@ -97,18 +97,6 @@ MJCF = """<mujoco model="arm">
 </mujoco>
 """
 
-SDF = """<?xml version="1.0"?>
-<sdf version="1.4"><model name="old">
-  <link name="base"><pose>0 0 0.1 0 0 0</pose></link>
-  <link name="upper"><pose>0.2 0.1 0.4 0.3 -0.2 1.1</pose>
-    <inertial><pose>0.01 0.02 0.03 0 0 0</pose><mass>2.5</mass></inertial></link>
-  <link name="hand"><pose>0.5 0.3 0.9 -0.4 0.5 0.2</pose></link>
-  <joint name="shoulder" type="revolute"><parent>base</parent><child>upper</child>
-    <axis><xyz>0 0.6 0.8</xyz><limit><lower>-1.5</lower><upper>2</upper></limit></axis></joint>
-  <joint name="wrist" type="revolute"><pose>0.05 0 -0.02 0 0.3 0</pose><parent>upper</parent><child>hand</child>
-    <axis><xyz>1 0 0</xyz><limit><lower>-1e16</lower><upper>1e16</upper></limit></axis></joint>
-</model></sdf>"""
-
 FAR_DELTAS = [  # two more, also of UR10s, whose axes 2 to 4 meet hundreds of metres away
     {
         "delta_theta": [

@@ -1,4 +1,4 @@
-"""Meshes of the links that an arm moves, as a URDF or SDF names them, and their files.
+"""Meshes of the links that an arm moves, as a URDF names them, and their files.
 
 A mesh in STL, OBJ or COLLADA is taken, that of <visual> before that of <collision>. COLLADA's unit counts and its up
 axis does not, as in ROS. A mesh's place is one of

@@ -111,9 +111,9 @@ def add_residual(sub: ArgumentParser) -> None:
 
 def convert_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `convert`: IN, OUT, and options that select the arm in the files."""
-    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .sdf .toml .yaml .conf .csv .xml")
+    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .toml .yaml .conf .csv .xml")
     sub.add_argument(
-        "out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .sdf .xml (MuJoCo) .yaml"
+        "out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .xml (MuJoCo) .yaml"
     )
     links_arguments(sub)
     sub.add_argument(
@@ -230,14 +230,6 @@ def links_arguments(sub: ArgumentParser) -> None:
     """Add the options that select the arm's end links in a URDF."""
     sub.add_argument("--tip", metavar="LINK", help="the last link (default: the only one that is a tip)")
     sub.add_argument("--base", metavar="LINK", help="the first link (default: the root)")
-    sub.add_argument(
-        "--srdf",
-        metavar="FILE[#GROUP]",
-        help="MoveIt's SRDF, whose group tells base and tip (default: the one beside a URDF, by its name)",
-    )
-    sub.add_argument(
-        "--joint-limits", type=Path, metavar="FILE", help="MoveIt's joint_limits.yaml, for limits of a URDF's joints"
-    )
     sub.add_argument(
         "--convention", choices=("standard", "modified"), help="of a table of theta, d, a, alpha (modified: Craig's)"
     )

@@ -18,6 +18,4 @@ def reading_of(options: RobotFileOptions, *, named: bool = True) -> ReadOptions:
         options.model,
         xacro,
         packages,
-        options.srdf,
-        options.joint_limits,
     )
