@@ -40,12 +40,13 @@ from calib.dataset_import.reading import (
     require_poses,
     rows_of_points,
 )
-from calib.dataset_import.recorded_stops import is_recording, recorded_poses
+from calib.dataset_import.sources import ImportSource
 from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Vector
+from calib.plugins import contributions, load
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
 from calib.robot_formats.urdf.meshes import stl_of_links
@@ -71,7 +72,7 @@ class ImportSources:
     place_sigma_mm: float | None = None  # of each known place that was visited; None where it is not known
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
     skip_bad_rows: bool = False
-    tables: Mapping[Path, UserTable] = field(default_factory=dict)  # made of recordings, by the path that names them
+    tables: Mapping[Path, UserTable] = field(default_factory=dict)  # of a plug-in, by the path that names them
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     joint_unit_is_unknown: bool = False  # whatever their size: they may be no angles at all
@@ -128,13 +129,14 @@ def plan_import(sources: ImportSources) -> ImportPlan:
     if sources.tool_mm is not None:
         robots = [replace(each, robot=with_tool_offset(each.robot, sources.tool_mm)) for each in sources.robots]
         sources = replace(sources, robots=tuple(robots))
-    if not sources.tables and is_recording(sources.joints, sources.mapping):
+    of_form = None if sources.tables else _form_of(sources)
+    if of_form is not None:
         report = _new_report(sources)
         if not sources.robots:
             report.faults += [] if sources.faults else [_NO_ROBOT]
             return _plan(report, sources, {}, None)
         try:
-            sources = _with_recorded_poses(sources)
+            sources = load(of_form.tables)(sources)
         except DatasetError as error:
             report.fault(str(error))
             return _plan(report, sources, {}, None)
@@ -156,23 +158,15 @@ def plan_import(sources: ImportSources) -> ImportPlan:
     return replace(plan, bad_rows=tuple(bad), are_left_out=True)
 
 
-def _with_recorded_poses(sources: ImportSources) -> ImportSources:
-    """Sources with tables in place of recordings, a row a pose at which the arm stood. Raises DatasetError."""
-    assert sources.joints is not None
-    robot = sources.robots[0].robot.robot
-    found = recorded_poses(robot, sources.joints, sources.points, sources.mapping)
-    points = sources.points or sources.joints.with_name(f"{sources.joints.name} (points)")
-    tables = {sources.joints: found.joints} | (
-        {} if found.points is None else {points: replace(found.points, path=points)}
-    )
-    return replace(
-        sources, points=points, tables=tables, notes=found.notes, doubts=found.doubts, mapping=found.mapping,
-        joint_unit_is_unknown=found.unit_is_unknown,
-    )  # fmt: skip
+def _form_of(sources: ImportSources) -> ImportSource | None:
+    """Plug-in's form that makes tables of the joints' file; None for a table of poses."""
+    path, mapping = sources.joints, sources.mapping
+    forms = () if path is None else contributions(ImportSource)
+    return next((form for form in forms if load(form.reads)(path, mapping)), None)
 
 
 def _new_report(sources: ImportSources) -> ImportReport:
-    """Report for one pass over the sources, with the faults of the robot and what was found in recordings."""
+    """Report for one pass over the sources, with the faults of the robot and what a source told."""
     robot = sources.robots[0].robot.robot if sources.robots else None
     return ImportReport(robot, list(sources.faults), list(sources.notes), list(sources.doubts))
 

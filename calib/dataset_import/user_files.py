@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from calib.dataset_import.columns import are_names, end_in_joint, length_column, recognise
-from calib.dataset_import.table_logs import describe, describe_table, is_lerobot
+from calib.dataset_import.sources import ImportSource
 from calib.errors import CalibError
-from calib.recordings.bags import bag_topics, is_bag, kinds_of_topics
-from calib.recordings.series import BAGS, JSON_LINES, PARQUET
+from calib.plugins import contributions, load
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.text_files.records import RECORDS, SPREADSHEETS, sheets
 from calib.text_files.text_file import decoded
@@ -88,8 +87,7 @@ def look_through(folder: Path) -> UserFiles:
         raise CalibError(f"{folder}: holds no file; a robot and tables of joints and points are needed")
     if any(path.name == "dataset.toml" for path in paths):
         return UserFiles(folder, tuple(_of_datasets(paths)))
-    folders = {path.parent for path in paths if path.name == "metadata.yaml" and is_bag(path.parent)}
-    folders |= {path.parent.parent for path in paths if path.name == "info.json" and is_lerobot(path.parent.parent)}
+    folders = _owned_folders(paths)
     within = {path for path in paths for top in folders if path.is_relative_to(top) and not _stands_alone(path)}
     paths = sorted({*folders, *(path for path in paths if path not in within)})
     files = [file for path in paths for file in (_sheets(path) if path.suffix.lower() in RECORDS else [_judged(path)])]
@@ -125,32 +123,30 @@ def _of_datasets(paths: list[Path]) -> Iterator[UserFile]:
             yield UserFile(path, UNUSED, "beside a ready dataset")
 
 
+def _owned_folders(paths: Sequence[Path]) -> set[Path]:
+    """Folders that are one source of a plug-in's form as a whole, such as a bag."""
+    marked = [
+        (source, path.parents[mark.count("/")])
+        for source in contributions(ImportSource)
+        for mark in source.folder_marks
+        for path in paths
+        if path.as_posix().endswith(f"/{mark}")
+    ]
+    return {folder for source, folder in marked if load(source.owns)(folder)}
+
+
 def _stands_alone(path: Path) -> bool:
-    """Whether a file below a recording's folder is no part of it: a robot or a table beside the bag's own files."""
-    return path.suffix.lower() in (*_ORDER, *_TABLES) and path.name != "metadata.yaml"
-
-
-def _recording(path: Path) -> UserFile:
-    """A bag, or another recording, with what it holds."""
-    try:
-        if is_bag(path):
-            joints, points = kinds_of_topics(bag_topics(path))
-            what = "a bag"
-        else:
-            joints, points = describe(path)
-            what = "a recording"
-    except CalibError as error:
-        return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
-    if not joints and not points:
-        return UserFile(path, UNUSED, f"{what} without joints and points")
-    kind = BOTH if joints and points else JOINTS if joints else POINTS
-    return UserFile(path, kind, f"{what}, by its {'topics' if is_bag(path) else 'columns'}")
+    """Whether a file below a source's folder is no part of it: a robot or a table beside the source's own files."""
+    marks = {mark for source in contributions(ImportSource) for mark in source.folder_marks}
+    return path.suffix.lower() in (*_ORDER, *_TABLES) and path.name not in marks
 
 
 def _judged(path: Path) -> UserFile:
+    for source in contributions(ImportSource):
+        if load(source.owns)(path):
+            found: UserFile = load(source.judged)(path)
+            return found
     suffix = path.suffix.lower()
-    if path.is_dir() or suffix in (*BAGS, PARQUET, *JSON_LINES):
-        return _recording(path)
     if suffix in (".urdf", ".xacro"):
         return UserFile(path, ROBOT, f"by its suffix {suffix}")
     if suffix == ".conf":
@@ -227,7 +223,7 @@ def _judged_table(path: Path, table: UserTable) -> UserFile:
     has_joints = "q1" in meant.columns or bool(meant.faults)
     has_points = all(axis in meant.columns for axis in "xyz") or length_column(meant) is not None
     if not has_joints and not has_points:
-        has_joints, has_points = describe_table(table)
+        has_joints, has_points = _described(table)
     elif not has_joints:
         has_joints = end_in_joint(table.columns)
     if has_joints or has_points:
@@ -244,9 +240,15 @@ def _judged_table(path: Path, table: UserTable) -> UserFile:
     return UserFile(path, UNUSED, "has columns neither of joints nor of points")
 
 
+def _described(table: UserTable) -> tuple[bool, bool]:
+    """Whether a table has joints, and points, for any plug-in's form."""
+    found: list[tuple[bool, bool]] = [load(source.describe)(table) for source in contributions(ImportSource)]
+    return any(joints for joints, _ in found), any(points for _, points in found)
+
+
 def _without_header(path: Path, table: UserTable) -> UserFile:
     width = len(table.columns)
-    has_joints, has_points = describe_table(table)
+    has_joints, has_points = _described(table)
     if has_joints or has_points:
         return UserFile(path, JOINTS if has_joints else POINTS, "messages of ROS, by their cells")
     if width == 3:

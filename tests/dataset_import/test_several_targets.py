@@ -14,7 +14,6 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import target_points
-from calib.recordings.bag_process import _positions, _series
 from inspector.cli.parser import main
 from tests.support.recorded_run import NAMES, TOOL_MM, robot_toml, tool_mm
 
@@ -135,32 +134,3 @@ def test_an_entry_is_judged_with_the_tools_own_point(tmp_path: Path) -> None:
     assert main(["import", str(tmp_path / "cell"), "--robot", str(tmp_path / "robot.toml"), "--joints", table]) == 0
     found = leading_entry(calibrate(load_dataset(tmp_path / "cell")))
     assert found is None or found.parameter not in ("d6", "dTCP", "aTCP")
-
-
-class _Message:
-    def __init__(self, **parts: object) -> None:
-        self.__dict__.update(parts)
-
-
-def test_markers_of_a_list_are_named_by_the_identifiers_beside_it() -> None:
-    """As ros2_aruco writes them: the place in the list changes with what is seen, the identifier does not."""
-    places = [_Message(position=_Message(x=float(k), y=0.0, z=1.0)) for k in range(2)]
-    header = _Message(frame_id="camera", stamp=_Message(sec=5, nanosec=0))
-    message = _Message(header=header, marker_ids=np.array([12, 7]), poses=places)
-    assert [(label, frame, xyz[0]) for label, frame, _, xyz in _positions(message)] == [
-        ("12", "camera", 0.0),
-        ("7", "camera", 1.0),
-    ]
-
-
-def test_a_marker_that_two_cameras_see_is_two_points() -> None:
-    def seen(frame: str, x: float) -> _Message:
-        stamp = _Message(sec=5, nanosec=0)
-        place = _Message(translation=_Message(x=x, y=0.0, z=1.0))
-        header = _Message(frame_id=frame, stamp=stamp)
-        return _Message(transforms=[_Message(header=header, child_frame_id="tag", transform=place)])
-
-    found = _series(
-        [("/tf", 5.0, seen("left", 1.0)), ("/tf", 5.1, seen("right", 2.0))], {"/tf": "tf2_msgs/msg/TFMessage"}
-    )
-    assert [each["label"] for each in found["points"]] == ["left/tag", "right/tag"]

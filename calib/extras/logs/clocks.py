@@ -14,7 +14,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import gaussian_filter1d
 
 from calib.array_types import Array
-from calib.recordings.series import RecordingError
+from calib.extras.logs.series import RecordingError
 from calib.statistics import mad_sigma
 
 STEP_S = 0.02

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from calib.array_types import Array, BoolArray
-from calib.recordings.series import RecordingError
+from calib.extras.logs.series import RecordingError
 from calib.statistics import mad_sigmas
 
 LEAST_S = 0.5  # that the arm stands in a phase

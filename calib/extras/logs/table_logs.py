@@ -19,10 +19,8 @@ from calib.array_types import Array
 from calib.consistency.own_pose import own_pose_columns
 from calib.dataset_import.columns import Meaning, is_position, marker_columns, recognise, words_of
 from calib.errors import DatasetError
-from calib.kinematics.robot import Robot
-from calib.lazy_modules import pd
-from calib.recordings.bags import is_own_pose
-from calib.recordings.series import (
+from calib.extras.logs.bags import is_own_pose
+from calib.extras.logs.series import (
     JSON_LINES,
     PARQUET,
     JointSeries,
@@ -31,6 +29,8 @@ from calib.recordings.series import (
     RecordingError,
     in_order,
 )
+from calib.kinematics.robot import Robot
+from calib.lazy_modules import pd
 from calib.text_files.csv_text import as_number
 from calib.text_files.layout import PLAIN_NUMBERS
 from calib.text_files.records import flat_record, is_records

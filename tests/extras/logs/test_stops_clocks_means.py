@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.recordings.clocks import offset_of_single_points, possible_offsets, refined
-from calib.recordings.means import autocorrelation_time, means_of
-from calib.recordings.series import RecordingError, in_order, lost_rows
-from calib.recordings.standstill import Phase, approach_of, standstill_of
+from calib.extras.logs.clocks import offset_of_single_points, possible_offsets, refined
+from calib.extras.logs.means import autocorrelation_time, means_of
+from calib.extras.logs.series import RecordingError, in_order, lost_rows
+from calib.extras.logs.standstill import Phase, approach_of, standstill_of
 from tests.support.recorded_run import recorded_run, tool_mm
 
 RUNS = {

@@ -16,10 +16,10 @@ import numpy as np
 from calib.array_types import Array
 from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.errors import visible
-from calib.recordings.bag_process import may_have_points
-from calib.recordings.series import BAGS, JointSeries, PointSeries, Recording, RecordingError, in_order
+from calib.extras.logs.bag_process import may_have_points
+from calib.extras.logs.series import BAGS, JointSeries, PointSeries, Recording, RecordingError, in_order
 
-_READER = "calib.recordings.bag_process:read"
+_READER = "calib.extras.logs.bag_process:read"
 _LIMITS = ProcessLimits(seconds=900.0, memory_bytes=4 * 1024**3, answer_bytes=1024**3)
 _LISTING = ProcessLimits(seconds=60.0, memory_bytes=2 * 1024**3, answer_bytes=16 * 1024**2)
 _METADATA = "metadata.yaml"

@@ -15,22 +15,22 @@ from calib.consistency.own_pose import table_disagreement_mm
 from calib.consistency.own_pose import told as told_of_table
 from calib.dataset_import.columns import AS_MAPPED, Column, Meaning, kind_of_marker, recognise
 from calib.dataset_import.markers import STANDS_STILL, spread_of
-from calib.dataset_import.table_logs import has_time, head_of, is_always_log, is_log, read_table_log
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError, visible
-from calib.kinematics.chain import target_points
-from calib.kinematics.robot import Robot
-from calib.recordings.bags import is_bag, read_bag
-from calib.recordings.clocks import (
+from calib.extras.logs.bags import is_bag, read_bag
+from calib.extras.logs.clocks import (
     ClockOffset,
     offset_of_single_points,
     possible_offsets,
     refined,
     settled_offset,
 )
-from calib.recordings.means import Means, means_of
-from calib.recordings.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows, recording_file
-from calib.recordings.standstill import LEAST_S, Phase, Standstill, approach_of, standstill_of, trimmed
+from calib.extras.logs.means import Means, means_of
+from calib.extras.logs.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows, recording_file
+from calib.extras.logs.standstill import LEAST_S, Phase, Standstill, approach_of, standstill_of, trimmed
+from calib.extras.logs.table_logs import has_time, head_of, is_always_log, is_log, read_table_log
+from calib.kinematics.chain import target_points
+from calib.kinematics.robot import Robot
 from calib.statistics import mad_sigmas, rms
 from calib.text_files.records import table_file
 from calib.text_files.user_table import UserTable, split_unit
