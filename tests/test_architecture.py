@@ -48,6 +48,9 @@ def circle(graph: Any, box: Callable[[str], str]) -> list[str]:
 
 
 def folder_of(module: str) -> str:
+    """Folder of a module; a module at the top of a package is a room of its own, as in the contracts."""
+    if module.count(".") == 1:
+        return module
     is_folder = (ROOT / module.replace(".", "/")).is_dir()
     return module if is_folder else module.rpartition(".")[0]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import ast
 import json
 import os
@@ -16,7 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from inspector.cli.subcommands import SUBCOMMANDS
+from calib.plugins import load
+from inspector.cli.commands import commands
+from inspector.cli.options.declaration import arguments_of, help_of
 from tests.support.copies import tracked_files
 
 ROOT = Path(__file__).parents[1]
@@ -171,7 +172,7 @@ def test_packages_import_only_what_pyproject_requires():
     allowed = modules_of(project["dependencies"]) | set(sys.stdlib_module_names) | {"calib", "inspector"}
     offered = {name for extra, lines in extras.items() if extra != "test" for name in modules_of(lines)}
     # What a room is built of; commands that need the room load it, and say which extra is missing.
-    rooms = {"inspector": modules_of(extras["page"]), "inspector/cli/agent": modules_of(extras["agent"])}
+    rooms = {"inspector": modules_of(extras["page"]), "inspector/extras/mcp": modules_of(extras["agent"])}
     foreign = {
         str(path.relative_to(ROOT)): sorted(found)
         for package in ("calib", "inspector")
@@ -199,6 +200,7 @@ def test_test_files_share_by_support_alone_and_their_folders_are_those_of_packag
     packages = {path.parent for top in ("calib", "inspector") for path in python_files(top)}
     mirrored = {path.relative_to(ROOT / "calib") for path in packages if path.is_relative_to(ROOT / "calib")}
     mirrored |= {path.relative_to(ROOT) for path in packages if path.is_relative_to(ROOT / "inspector")}
+    mirrored |= {path.relative_to("inspector") for path in mirrored if path.is_relative_to("inspector/extras")}
     assert {str(folder) for folder in tested - mirrored} == set()
 
 
@@ -290,15 +292,14 @@ def test_readme_help_and_documentation_list_every_command_and_option():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     page = (ROOT / "docs" / "guide" / "commands.md").read_text(encoding="utf-8")
     usage = subprocess.run([ROOT / "run", "help"], capture_output=True, text=True, check=True).stdout
-    for command in SUBCOMMANDS:
+    for command in commands().values():
         assert re.search(rf"\b{command.name}\b", usage), f"./run help does not name {command.name}"
-        assert text.count(f"| `inspector {command.name}` | {command.help} |\n") == 1, command.name
+        assert text.count(f"| `inspector {command.name}` | {help_of(load(command.options))} |\n") == 1, command.name
         section = page.partition(f"\n### {command.name}\n")[2].partition("\n### ")[0]
         assert f"`inspector {command.name}" in section, f"no section of {command.name}"
         assert f"```{{command-options}} {command.name}\n```" in section
-        parser = argparse.ArgumentParser(add_help=False)
-        command.add_arguments(parser)
-        assert all(action.help for action in parser._actions), f"{command.name}: an option without help"
+        told = arguments_of(load(command.options))
+        assert all(argument.help for _, argument, _ in told), f"{command.name}: an option without help"
 
 
 def test_readmes_python_is_python():

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from inspector.cli.parser import _parser
+from inspector.cli.commands import commands
+from inspector.cli.parser import parser_of
 
 ROOT = Path(__file__).parents[1]
 # All that `run` may need of a system. Not there: python3.12, apt-get, sudo and chromium of the machine that tests it.
@@ -219,7 +220,7 @@ def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tupl
 
 @pytest.mark.thorough
 def test_no_value_of_an_option_of_serve_is_taken_for_a_path(sandbox: Sandbox):
-    subcommands = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    subcommands = next(a for a in parser_of(commands().values())._actions if isinstance(a, argparse._SubParsersAction))
     valued = [a for a in subcommands.choices["serve"]._actions if a.option_strings and a.nargs is None]
     assert len(valued) >= 4
     arguments = [word for action in valued for word in (action.option_strings[-1], "9")]

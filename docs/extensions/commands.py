@@ -1,38 +1,39 @@
 """Sphinx: `{command-options} NAME` is the table of a command's options, as argparse has them.
 
-What a command takes is told once, in its arguments' own help; `{command-options} fit` are those that all fits share.
+What a command takes is told once, in its declaration; `{command-options} fit` are those that all fits share.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from inspector.cli.arguments.shared import add_fit
-from inspector.cli.subcommands import SUBCOMMANDS
+from calib.plugins import load
+from inspector.cli.commands import commands
+from inspector.cli.options.declaration import add_arguments
+from inspector.cli.options.shared import FittingOptions
 
 FIT = "fit"
 
 
-def actions(add_arguments: Callable[[argparse.ArgumentParser], None]) -> list[argparse.Action]:
-    """What a command is asked for, in its order."""
+def actions(declaration: type) -> list[argparse.Action]:
+    """What a command is asked for beside PATH, in its order."""
     parser = argparse.ArgumentParser(add_help=False)
-    add_arguments(parser)
-    return parser._actions
+    add_arguments(parser, declaration)
+    return [action for action in parser._actions if action.dest != "path"]
 
 
 def table_of(name: str) -> tuple[list[argparse.Action], bool]:
     """A command's arguments, without those of a fit where it takes them all, and whether it does."""
-    fit = actions(add_fit)
+    fit = [action for action in actions(FittingOptions) if action.dest != "json"]
     if name == FIT:
         return fit, False
-    (command,) = (command for command in SUBCOMMANDS if command.name == name)
-    own = actions(command.add_arguments)
+    own = actions(load(commands()[name].options))
     shared = {option for action in fit for option in action.option_strings}
     takes_fit = shared <= {option for action in own for option in action.option_strings}
     if takes_fit:
@@ -60,7 +61,7 @@ class CommandOptions(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """The nodes; an unknown name is an error of the page."""
         name = self.arguments[0]
-        if name not in {FIT, *(command.name for command in SUBCOMMANDS)}:
+        if name not in {FIT, *commands()}:
             raise self.error(f"{name!r} is no command")
         options, takes_fit = table_of(name)
         made: list[nodes.Node] = []

@@ -45,7 +45,8 @@ from calib.robot_formats.calibrated_file import (
 from calib.robot_formats.static_transform import StaticTransform, transform_text
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions, WatchOptions
+from inspector.cli.options.fits import CalibrateOptions
+from inspector.cli.options.shared import WithAdding
 from inspector.cli.output_paths import check_outputs
 from inspector.export.csv_and_png import residuals_csv
 from inspector.session.session import Session
@@ -66,9 +67,7 @@ def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family,
     return families
 
 
-def fitted(
-    options: CalibrateOptions | CorrectOptions | CompareOptions | WatchOptions, dataset: Dataset
-) -> tuple[FitStep, ...]:
+def fitted(options: WithAdding, dataset: Dataset) -> tuple[FitStep, ...]:
     """Fits as the options require: a first one, then another for each --add."""
     user_effects = loaded_effects(options.effects_file, dataset)
     effects = effects_named(dataset, options.effect, user_effects)

@@ -22,7 +22,7 @@ from calib.robot_formats.programs import is_point_list, require_joints, require_
 from inspector.cli.calibrate_command import fitted, require_plausible
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.model_commands import refuse_fit_options
-from inspector.cli.options import CorrectOptions
+from inspector.cli.options.fits import CorrectOptions
 from inspector.cli.output_paths import check_outputs
 
 

@@ -34,7 +34,8 @@ from calib.strict_json import to_json
 from calib.targets.assignment import assign_targets
 from calib.targets.batch import find_targets
 from calib.targets.protocol.user_file import load_finder
-from inspector.cli.options import CornersOptions, Output, RedundancyOptions, ServeOptions, VerifyOptions
+from inspector.cli.options.datasets import CornersOptions, RedundancyOptions, ServeOptions, VerifyOptions
+from inspector.cli.options.shared import Output
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
 from inspector.export.csv_and_png import corners_csv, redundancy_csv

@@ -25,7 +25,7 @@ from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.calibrate_command import loaded_effects, require_plausible
 from inspector.cli.dataset_commands import found_corners, load, measured, searched, show, without
 from inspector.cli.model_commands import validate_model
-from inspector.cli.options import CheckOptions, DiagnoseOptions, FiguresOptions, ReportOptions, ValidateOptions
+from inspector.cli.options.fits import CheckOptions, DiagnoseOptions, FiguresOptions, ReportOptions, ValidateOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
 from inspector.session.measuring import with_face_labels

@@ -10,7 +10,7 @@ from calib.models.model_file import load_model
 from calib.options import DEFAULT_FOLDS
 from calib.rendering.text import block_text
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.options import CorrectOptions, ValidateOptions
+from inspector.cli.options.fits import CorrectOptions, ValidateOptions
 
 
 def validate_model(options: ValidateOptions, path: Path) -> int:

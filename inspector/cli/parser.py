@@ -9,32 +9,27 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext, redirect_stdout
-from importlib import import_module
-from pathlib import Path
 from typing import NoReturn
 
 from calib.errors import CalibError, printable
-from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
-
-EXTRA_OF = {
-    "open3d": "scans",
-    "trimesh": "scans",
-    "viser": "page",
-    "websockets": "page",
-    "plotly": "page",
-    "PIL": "page",
-    "mcp": "agent",
-    "resvg_py": "agent",
-}
-"""The extra of pyproject.toml that brings each package which not every installation has."""
+from calib.plugins import load
+from inspector.cli.commands import EXTRA_OF, commands, pip_extra_of
+from inspector.cli.options.declaration import add_arguments, help_of
+from inspector.plugins import Command, left_out
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code."""
-    given = vars(_parser().parse_args(arguments))
-    subcommand: Subcommand = given.pop("subcommand")
+    words = sys.argv[1:] if arguments is None else arguments
+    for line in left_out():
+        print(f"inspector: warning: {printable(line)}", file=sys.stderr)
+    there = commands()
+    if words and words[0] in EXTRA_OF and words[0] not in there:
+        return _refused(f"{words[0]} is a command of the extra {EXTRA_OF[words[0]]}, which this installation lacks")
+    given = vars(parser_of(there.values()).parse_args(words))
+    command: Command = given.pop("command")
     if given.get("residual", "") is None:
         from calib.dataset.files.folder import usual_residual_of  # where a fit needs it; --help is quick
 
@@ -43,10 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given["stdout"] = sys.stdout
     # What else prints, such as an effect of the user's, must not mix with the one JSON object.
     aside = redirect_stdout(sys.stderr) if given.get("json") else nullcontext()
-    words = ("inspector", *(sys.argv[1:] if arguments is None else arguments))
     try:
         with aside:
-            return _run(subcommand, subcommand.options(**given), words)
+            return _run(command, load(command.options)(**given), ("inspector", *words))
     except CalibError as error:
         return _refused(str(error))
     except BrokenPipeError:  # the reader of our output has closed it
@@ -61,8 +55,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if os.environ.get("INSPECTOR_DEBUG"):
             raise
-        if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in EXTRA_OF:
-            return _without(str(error.name).partition(".")[0])
+        missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+        if extra := pip_extra_of(missing):
+            return _refused(
+                f"this needs {missing}, which is not installed: "
+                f"pip install 'robot-calibration-inspector[{extra}]', or [all] for everything"
+            )
         message = " ".join(f"{type(error).__name__}: {error}".split())
         return _refused(f"internal error, {message}; INSPECTOR_DEBUG=1 shows where, please report it")
 
@@ -73,19 +71,9 @@ def _refused(words: str) -> int:
     return 2
 
 
-def _without(module: str) -> int:
-    print(
-        f"inspector: this needs {module}, which is not installed: "
-        f"pip install 'robot-calibration-inspector[{EXTRA_OF[module]}]', or [all] for everything",
-        file=sys.stderr,
-    )
-    return 2
-
-
-def _run(subcommand: Subcommand, options: object, words: Sequence[str]) -> int:
-    """Load the subcommand's function and call it."""
-    module, _, function = subcommand.run.rpartition(".")
-    run = getattr(import_module(f"inspector.cli.{module}"), function)
+def _run(command: Command, options: object, words: Sequence[str]) -> int:
+    """Load the command's function and call it."""
+    run = load(command.run)
     from calib.blas_threads import one_blas_thread  # with scipy, which takes a while to load
     from calib.dataset.files.origin import run_command
 
@@ -112,16 +100,16 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"inspector: {printable(message)}; see {self.prog} --help\n")
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser_of(there: Iterable[Command]) -> argparse.ArgumentParser:
+    """Parser of a command line with one of these commands."""
     parser = _Parser(
         prog="inspector", description="Calibrate a robot arm from scans of a three-faced jig, and see every step."
     )
     parser.add_argument("--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="which version this is")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
-    for subcommand in SUBCOMMANDS:
-        sub = subparsers.add_parser(subcommand.name, help=subcommand.help, description=subcommand.help)
-        sub.set_defaults(subcommand=subcommand)
-        if subcommand.path is not None:
-            sub.add_argument("path", type=Path, metavar="PATH", help=subcommand.path)
-        subcommand.add_arguments(sub)
+    for command in there:
+        options = load(command.options)
+        sub = subparsers.add_parser(command.name, help=help_of(options), description=help_of(options))
+        sub.set_defaults(command=command)
+        add_arguments(sub, options)
     return parser

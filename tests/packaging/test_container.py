@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from inspector.cli.parser import _parser
+from inspector.cli.commands import commands
+from inspector.cli.parser import parser_of
 from inspector.server.viser_server import origin_allowed, start_server
 
 ROOT = Path(__file__).parents[2]
@@ -54,8 +55,8 @@ def test_it_runs_as_a_user_of_its_own():
 def test_what_it_starts_is_the_server_on_the_folder_that_is_mounted():
     entry, words = json.loads(given("ENTRYPOINT")), json.loads(given("CMD"))
     assert entry == [*PROJECT["scripts"]]
-    asked = vars(_parser().parse_args(words))
-    assert asked["subcommand"].name == "serve"
+    asked = vars(parser_of(commands().values()).parse_args(words))
+    assert asked["command"].name == "serve"
     assert asked["path"] == Path(given("WORKDIR")) == Path("/data")
     assert (asked["host"], str(asked["port"])) == ("0.0.0.0", port()), "a port of the container reaches no loopback"
 

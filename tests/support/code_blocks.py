@@ -23,11 +23,11 @@ from pathlib import Path
 
 from markdown_it import MarkdownIt
 
+from inspector.cli.commands import commands
 from inspector.cli.parser import main
-from inspector.cli.subcommands import SUBCOMMANDS
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = {command.name for command in SUBCOMMANDS} - {"serve"} | {"--version", "--help"}
+COMMANDS = set(commands()) - {"serve"} | {"--version", "--help"}
 PROGRAMS = {
     "cat",
     "cmp",

@@ -40,7 +40,7 @@ from calib.workcell.scanner_place import scanner_at
 from calib.workcell.workcell import Workcell
 from inspector.cli.calibrate_command import loaded_effects
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.options import PlanOptions
+from inspector.cli.options.planning import PlanOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import stages
 from inspector.cli.robots.reading import reading_of

@@ -11,7 +11,7 @@ from calib.errors import CalibError
 from calib.robot_formats.robot_file import RobotFile, conversion_error_mm, read_robot
 from calib.robot_formats.robots import WRITTEN_SUFFIXES, robot_content
 from inspector.cli.dataset_commands import show
-from inspector.cli.options import ConvertOptions
+from inspector.cli.options.robots import ConvertOptions
 from inspector.cli.robots.reading import reading_of
 
 

@@ -25,7 +25,7 @@ from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError, visible
 from calib.present.cause.diagnosis import diagnosis_document
 from inspector.cli.dataset_commands import measured, show
-from inspector.cli.options import ImportOptions
+from inspector.cli.options.robots import ImportOptions
 from inspector.cli.progress import progress, stages
 from inspector.cli.robots.reading import reading_of
 from inspector.export.import_document import plan_document, plan_lines

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from calib.robot_formats.robot_file import ReadOptions
 from calib.robot_formats.urdf.xacro import Xacro
-from inspector.cli.options import RobotFileOptions
+from inspector.cli.options.shared import RobotFileOptions
 
 
 def reading_of(options: RobotFileOptions, *, named: bool = True) -> ReadOptions:

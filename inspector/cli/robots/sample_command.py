@@ -10,7 +10,7 @@ from pathlib import Path
 
 from calib.errors import DatasetError
 from inspector.cli.dataset_commands import show
-from inspector.cli.options import SampleOptions
+from inspector.cli.options.datasets import SampleOptions
 
 DISTRIBUTION = "robot-calibration-inspector"
 _CHECKOUT = Path(__file__).parents[3]

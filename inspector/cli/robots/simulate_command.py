@@ -18,7 +18,7 @@ from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.scanner import PLAIN_MODEL, STRUCTURED_LIGHT, ScanModel
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.dataset_commands import show
-from inspector.cli.options import SimulateOptions
+from inspector.cli.options.datasets import SimulateOptions
 from inspector.cli.progress import progress
 
 _MOST_SMOOTH_MM = 5.0

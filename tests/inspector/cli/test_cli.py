@@ -11,7 +11,6 @@ import re
 import shutil
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,10 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import load_robot_toml
 from calib.measurement.measured_points import failed_searches
 from calib.models.model_file import load_model
-from inspector.cli.parser import _parser, main
-from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
+from calib.plugins import load
+from inspector.cli.commands import commands
+from inspector.cli.parser import main, parser_of
+from inspector.plugins import Command
 from inspector.session.measuring import open_session, with_search
 from tests.support.arms import dataset_of, jang_arm, perturbed
 from tests.support.tiny_dataset import write_tiny
@@ -716,17 +717,16 @@ def test_help_loads_nothing_that_it_does_not_show() -> None:
 
 
 def test_every_subcommand_has_the_function_that_it_names() -> None:
-    assert len(SUBCOMMANDS) > 10
-    for subcommand in SUBCOMMANDS:
-        module, _, name = subcommand.run.rpartition(".")
-        assert callable(getattr(import_module(f"inspector.cli.{module}"), name))
+    assert len(commands()) > 10
+    for command in commands().values():
+        assert callable(load(command.run))
 
 
-@pytest.mark.parametrize("subcommand", SUBCOMMANDS, ids=lambda subcommand: subcommand.name)
-def test_the_options_of_a_subcommand_are_its_arguments(subcommand: Subcommand) -> None:
-    (subparsers,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
-    given = {action.dest for action in subparsers.choices[subcommand.name]._actions} - {"help"}
-    fields = {field.name for field in dataclasses.fields(subcommand.options)}
+@pytest.mark.parametrize("command", commands().values(), ids=lambda command: command.name)
+def test_the_options_of_a_command_are_its_arguments(command: Command) -> None:
+    (subparsers,) = (a for a in parser_of([command])._actions if isinstance(a, argparse._SubParsersAction))
+    given = {action.dest for action in subparsers.choices[command.name]._actions} - {"help"}
+    fields = {field.name for field in dataclasses.fields(load(command.options))}
     assert fields == given | ({"stdout"} if "json" in given else set())
 
 

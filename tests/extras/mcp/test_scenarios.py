@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from mcp import Client
 
-from inspector.cli.agent.roots import Roots
-from inspector.cli.agent.server import Toolbox, server_of
+from inspector.extras.mcp.roots import Roots
+from inspector.extras.mcp.server import Toolbox, server_of
 from tests.support.scenarios.scenarios import SCENARIOS, Scenario
 from tests.support.scenarios.scripted import work
 

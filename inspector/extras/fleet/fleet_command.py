@@ -17,9 +17,9 @@ from calib.fleet.table import is_table, require_table_kind, write_table
 from calib.fleet.type_file import save_type
 from calib.options import FitOptions
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.options import FleetOptions, PoolOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import cores, progress
+from inspector.extras.fleet.options import FleetOptions, PoolOptions
 from inspector.report.fleet_page import fleet_html
 from inspector.report.report import is_report
 

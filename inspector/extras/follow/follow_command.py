@@ -20,8 +20,8 @@ from calib.present.over_time.campaign import (
 )
 from calib.rendering.text import block_text
 from calib.strict_json import to_json
-from inspector.cli.options import FollowOptions
 from inspector.cli.progress import MIN_SCANS_FOR_PROCESSES, processes
+from inspector.extras.follow.options import FollowOptions
 
 _LOOK_S = 0.2  # between two looks
 

@@ -17,10 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcp import Client, StdioServerParameters, types
 
-from inspector.cli.agent.roots import RootError, Roots
-from inspector.cli.agent.server import SKILL, Toolbox, server_of, skill
-from inspector.cli.agent.tools import NOT_OFFERED, ToolError, command_tools, key_of
-from inspector.cli.subcommands import SUBCOMMANDS
+from inspector.cli.commands import commands
+from inspector.extras.mcp.roots import RootError, Roots
+from inspector.extras.mcp.server import SKILL, Toolbox, server_of, skill
+from inspector.extras.mcp.tools import NOT_OFFERED, ToolError, command_tools, key_of
 from tests.support.hidden_dataset import write_hidden
 
 pytestmark = pytest.mark.slow  # each call is a process
@@ -167,7 +167,7 @@ def test_what_takes_too_long_is_ended(root: Path) -> None:
 
 def test_every_command_is_a_tool_and_code_is_run_where_allowed_only() -> None:
     tools = command_tools(allow_code=False)
-    assert set(tools) == {one.name for one in SUBCOMMANDS} - set(NOT_OFFERED)
+    assert set(tools) == set(commands()) - set(NOT_OFFERED)
     assert "effects_file" not in tools["diagnose"].schema()["properties"]
     assert "effects_file" in command_tools(allow_code=True)["diagnose"].schema()["properties"]
     assert tools["report"].schema()["required"] == ["path", "out"]

@@ -20,9 +20,9 @@ from mcp.server import Server
 from mcp.server.stdio import stdio_server
 
 from calib.errors import CalibError
-from inspector.cli.agent.roots import Roots
-from inspector.cli.agent.tools import FIGURE, JSON_KEYS, CommandTool, ToolError, command_tools
-from inspector.cli.options import McpOptions
+from inspector.extras.mcp.options import McpOptions
+from inspector.extras.mcp.roots import Roots
+from inspector.extras.mcp.tools import FIGURE, JSON_KEYS, CommandTool, ToolError, command_tools
 
 if TYPE_CHECKING:
     from mcp.server import ServerRequestContext
@@ -125,7 +125,7 @@ class Toolbox:
 
 def skill() -> str:
     """The guide for an agent: which tool when, and what may be claimed."""
-    return resources.files("inspector.cli.agent").joinpath("skill.md").read_text(encoding="utf-8")
+    return resources.files("inspector.extras.mcp").joinpath("skill.md").read_text(encoding="utf-8")
 
 
 def server_of(toolbox: Toolbox) -> Server[Any]:

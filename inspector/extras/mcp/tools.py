@@ -9,16 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import CalibError
-from inspector.cli.agent.roots import Roots
-from inspector.cli.arguments import values
-from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
+from calib.plugins import load
+from inspector.cli.commands import commands
+from inspector.cli.options import values
+from inspector.cli.options.declaration import add_arguments, help_of
+from inspector.extras.mcp.roots import Roots
+from inspector.plugins import Command
 
 NOT_OFFERED = ("serve", "mcp")  # they end when they are told to
 RUN_CODE = ("effects_file", "finder")  # options that run a Python file of the user's
 JSON_KEYS = "json_keys"
 FIGURE = "figure"  # the tool that answers with a picture
 _ALWAYS = {"follow": ["--once"]}
-_NUMBERS = (float, values.rmse_mm, values.sigma_mm, values.size_mm, values.mass_kg, values.seconds)
+_NUMBERS = (float, values.rmse_mm, values.sigma_mm, values.mass_kg, values.seconds)
 _WHOLE = (int, values.port, values.process_count, values.pose_count)
 
 
@@ -30,18 +33,18 @@ class ToolError(CalibError):
 class CommandTool:
     """A command as a tool."""
 
-    subcommand: Subcommand
+    command: Command
     arguments: tuple[argparse.Action, ...]
 
     @property
     def name(self) -> str:
         """Name of the tool, which is the command's."""
-        return self.subcommand.name
+        return self.command.name
 
     @property
     def description(self) -> str:
         """What the command does, and what it answers with."""
-        return f"{self.subcommand.help}. Answers with the text of the terminal."
+        return f"{help_of(load(self.command.options))}. Answers with the text of the terminal."
 
     def schema(self) -> dict[str, Any]:
         """JSON schema of the arguments: those of the command line, by their long names."""
@@ -100,16 +103,14 @@ def command_tools(*, allow_code: bool) -> dict[str, CommandTool]:
         allow_code: whether options that run a Python file are offered.
     """
     tools = {}
-    for subcommand in SUBCOMMANDS:
-        if subcommand.name in NOT_OFFERED:
+    for command in commands().values():
+        if command.name in NOT_OFFERED:
             continue
         parser = argparse.ArgumentParser(add_help=False)
-        if subcommand.path is not None:
-            parser.add_argument("path", type=Path, help=subcommand.path)
-        subcommand.add_arguments(parser)
+        add_arguments(parser, load(command.options))
         left_out = {"json", "once", *(() if allow_code else RUN_CODE)}
         taken = tuple(action for action in parser._actions if action.dest not in left_out)
-        tools[subcommand.name] = CommandTool(subcommand, taken)
+        tools[command.name] = CommandTool(command, taken)
     return tools
 
 

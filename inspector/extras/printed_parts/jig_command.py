@@ -12,7 +12,7 @@ from calib.printed_parts.part import PrintedPart
 from calib.printed_parts.socket_plate import SocketPlate
 from calib.rendering.text import block_text
 from inspector.cli.dataset_commands import show
-from inspector.cli.options import JigOptions
+from inspector.extras.printed_parts.options import JigOptions
 
 
 def run_jig(options: JigOptions) -> int:

@@ -42,17 +42,17 @@ def named_folder(text: str) -> tuple[str, Path]:
 
 def process_count(text: str) -> int:
     """Number of processes, at least 1."""
-    return _whole(text, 1, 1024, "number of processes")
+    return whole(text, 1, 1024, "number of processes")
 
 
 def port(text: str) -> int:
     """TCP port from an option's text; 0 selects a free one."""
-    return _whole(text, 0, 65535, "port")
+    return whole(text, 0, 65535, "port")
 
 
 def pose_count(text: str) -> int:
     """Number of poses to plan, from an option's text."""
-    return _whole(text, 1, 200, "number of poses")
+    return whole(text, 1, 200, "number of poses")
 
 
 def plan_region(text: str) -> str | tuple[float, ...]:
@@ -106,14 +106,6 @@ def tool_mm(text: str) -> tuple[float, float, float]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def grid(text: str) -> tuple[int, int]:
-    """Columns and rows from "2x3"."""
-    columns, separator, rows = text.lower().partition("x")
-    if not separator:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of columns and rows; write 2x3")
-    return _whole(columns, 1, 26, "columns"), _whole(rows, 1, 26, "rows")
-
-
 def trigger(text: str) -> tuple[str, ...]:
     """Trigger of a measurement: "output:1" as its kind and signal, "socket:10.0.0.5:5000" as kind, host and port."""
     kind, _, rest = text.partition(":")
@@ -155,19 +147,20 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _whole(text: str, low: int, high: int, what: str) -> int:
+def whole(text: str, low: int, high: int, what: str) -> int:
+    """Whole number of a range; `what` it is."""
     if not text.isdecimal() or not low <= int(text) <= high:
         raise argparse.ArgumentTypeError(f"{text} is not a {what}; {low} to {high}")
     return int(text)
 
 
-def _is_above_0(value: float) -> bool:
-    return 0.0 < value < math.inf
+def number_above_0(fault: str) -> Callable[[str], float]:
+    """Parser of a finite number above 0; `fault` is what any other is not, and what is wanted."""
+    return _number_that(lambda value: 0.0 < value < math.inf, fault)
 
 
-rmse_mm = _number_that(_is_above_0, "an error to ask for; a number of mm above 0")
-size_mm = _number_that(_is_above_0, "a size; a number of mm above 0")
-speed = _number_that(_is_above_0, "a speed; a number above 0, in the unit of the language")
+rmse_mm = number_above_0("an error to ask for; a number of mm above 0")
+speed = number_above_0("a speed; a number above 0, in the unit of the language")
 mass_kg = _number_that(lambda kg: 0.0 < kg < _HEAVIEST_KG, "a mass; kg above 0, such as 3")
 seconds = _number_that(lambda s: 0.0 < s <= _LONGEST_S, f"a time to wait; seconds above 0, {_LONGEST_S:g} at most")
 wait_s = _number_that(lambda s: 0.0 <= s <= _LONGEST_WAIT_S, f"a time to stand; seconds, 0 to {_LONGEST_WAIT_S:g}")

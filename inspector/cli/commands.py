@@ -1,0 +1,59 @@
+"""The commands: core's own, and behind them those of plug-ins, each in its place. Nothing slow is imported."""
+
+from __future__ import annotations
+
+from inspector.plugins import Command, PipExtra, contributions
+
+_OPTIONS = "inspector.cli.options"
+
+CORE = (
+    Command("serve", f"{_OPTIONS}.datasets:ServeOptions", "inspector.cli.dataset_commands:run_serve"),
+    Command("corners", f"{_OPTIONS}.datasets:CornersOptions", "inspector.cli.dataset_commands:run_corners"),
+    Command("redundancy", f"{_OPTIONS}.datasets:RedundancyOptions", "inspector.cli.dataset_commands:run_redundancy"),
+    Command("calibrate", f"{_OPTIONS}.fits:CalibrateOptions", "inspector.cli.calibrate_command:run_calibrate"),
+    Command("validate", f"{_OPTIONS}.fits:ValidateOptions", "inspector.cli.fit_commands:run_validate"),
+    Command("correct", f"{_OPTIONS}.fits:CorrectOptions", "inspector.cli.correct_command:run_correct"),
+    Command("diagnose", f"{_OPTIONS}.fits:DiagnoseOptions", "inspector.cli.fit_commands:run_diagnose"),
+    Command("compare", f"{_OPTIONS}.fits:CompareOptions", "inspector.cli.compare_command:run_compare"),
+    Command("repeat", f"{_OPTIONS}.fits:RepeatOptions", "inspector.cli.compare_command:run_repeat"),
+    Command("verify", f"{_OPTIONS}.datasets:VerifyOptions", "inspector.cli.dataset_commands:run_verify"),
+    Command("plan", f"{_OPTIONS}.planning:PlanOptions", "inspector.cli.planning.plan_command:run_plan"),
+    Command("report", f"{_OPTIONS}.fits:ReportOptions", "inspector.cli.fit_commands:run_report"),
+    Command("figures", f"{_OPTIONS}.fits:FiguresOptions", "inspector.cli.fit_commands:run_figures"),
+    Command("effects", f"{_OPTIONS}.datasets:EffectsOptions", "inspector.cli.dataset_commands:run_effects"),
+    Command("sample", f"{_OPTIONS}.datasets:SampleOptions", "inspector.cli.robots.sample_command:run_sample"),
+    Command("simulate", f"{_OPTIONS}.datasets:SimulateOptions", "inspector.cli.robots.simulate_command:run_simulate"),
+    Command("check", f"{_OPTIONS}.fits:CheckOptions", "inspector.cli.fit_commands:run_check"),
+    Command("convert", f"{_OPTIONS}.robots:ConvertOptions", "inspector.cli.robots.convert_command:run_convert"),
+    Command("import", f"{_OPTIONS}.robots:ImportOptions", "inspector.cli.robots.import_command:run_import"),
+)
+
+PIP_EXTRAS = (
+    PipExtra("scans", ("open3d", "trimesh")),
+    PipExtra("page", ("viser", "websockets", "plotly", "PIL")),
+    PipExtra("agent", ("resvg_py",)),
+)
+
+EXTRA_OF = {
+    "pool": "fleet",
+    "watch": "watch",
+    "follow": "follow",
+    "jig": "printed_parts",
+    "fleet": "fleet",
+    "mcp": "mcp",
+}
+"""The extra of this project that brings each command which is not core's, for who asks where it is not there."""
+
+
+def commands() -> dict[str, Command]:
+    """All commands that are there by their names, in the order of `inspector --help`."""
+    found = list(CORE)
+    for brought in contributions(Command):
+        names = [command.name for command in found]
+        found.insert(names.index(brought.after) + 1 if brought.after in names else len(found), brought)
+    return {command.name: command for command in found}
+
+
+def pip_extra_of(module: str) -> str:
+    """Extra of pyproject.toml that brings a package; "" where none does."""
+    return next((extra.name for extra in (*PIP_EXTRAS, *contributions(PipExtra)) if module in extra.modules), "")

@@ -1,0 +1,88 @@
+"""Options of the page, and of the commands on datasets that fit nothing. Nothing slow is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.options import BUILTIN_ROBOTS
+from inspector.cli.options import values
+from inspector.cli.options.declaration import argument, flag, option, several
+from inspector.cli.options.shared import A_DATASET, DATASETS, Output, WithFinder, WithLeaveOut, WithResidual
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeOptions:
+    """The web app."""
+
+    path: Path = argument(DATASETS, metavar="PATH")
+    host: str = option("address to bind (default: this machine only)", "127.0.0.1")
+    port: int = option("default 8080; 0 takes a free one", 8080, parse=values.port)
+    session: Path | None = option("open a saved session again", metavar="FILE.json")
+    data: Path | None = option("let pages import datasets to this folder, and list those in it", metavar="DIR")
+    effects_file: Path | None = option("effects of your own, read again when it changes", metavar="FILE.py")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CornersOptions(WithFinder, Output):
+    """Find the jig's corner in every scan."""
+
+    path: Path = argument(A_DATASET, metavar="PATH")
+    out: Path | None = option("write the corners as points.csv", metavar="FILE")
+    orientation: bool = flag("with the jig's orientation in --out")
+    processes: int | None = option("default: one for each core", metavar="N", parse=values.process_count)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RedundancyOptions(WithResidual, WithLeaveOut, Output):
+    """Which parameters cannot be told apart (Pearson's r), and the rank of the model."""
+
+    path: Path = argument(A_DATASET, metavar="PATH")
+    out: Path | None = option("write Pearson's r of all pairs", metavar="FILE.csv")
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifyOptions(Output):
+    """Whether models, sessions and reports were made of exactly a dataset's files; when, by whom and how."""
+
+    path: Path = argument(A_DATASET, metavar="PATH")
+    results: Sequence[Path] = argument("model.json, session.json or report.html", metavar="RESULT", repeated=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectsOptions(Output):
+    """The catalogue of effects."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleOptions(Output):
+    """A sample dataset to try things on."""
+
+    name: str | None = argument("the sample to write; without it they are listed", metavar="NAME", required=False)
+    out: Path | None = option("where to (default: a folder of its name)", metavar="FOLDER")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(Output):
+    """Make a dataset with known truth."""
+
+    path: Path = argument("folder to make", metavar="PATH")
+    robot: str = option(f"{', '.join(BUILTIN_ROBOTS)}, or a robot.toml", required=True)
+    poses: int = option("default 64", 64)
+    effect: Sequence[str] = several("may be given several times", metavar="NAME")
+    scans: bool = flag("cast scans of the jig instead of points")
+    smooth_noise_mm: float | None = option(
+        "of a scan point, along its ray: the error that it shares with its neighbours (default 0.06)",
+        metavar="X",
+        group="noise",
+    )
+    white: bool = flag("scans whose points have an error each for itself, of 0.02 mm", group="noise")
+    correlation_mm: float | None = option("how far the smooth error reaches across the view (default 25)", metavar="L")
+    mount: str = option(
+        "where the scanner is; on the flange it sees a jig that stands in the room (default room)",
+        "room",
+        choices=("room", "flange"),
+    )
+    seed: int = option("default 0", 0)
+    noise_mm: float = option("of a measured point, each axis (default 0.05)", 0.05)

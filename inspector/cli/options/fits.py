@@ -1,0 +1,167 @@
+"""Options of the commands that fit a model. Nothing slow is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.options import CORRECTION_KINDS, DEFAULT_FOLDS, REFITS, FitOptions
+from inspector.cli.options import values
+from inspector.cli.options.declaration import argument, flag, option, several
+from inspector.cli.options.shared import (
+    A_DATASET,
+    DATASETS,
+    FittingOptions,
+    Output,
+    WithAdding,
+    WithLearnedOut,
+    WithModelOut,
+    WithResidual,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateOptions(WithModelOut, WithLearnedOut, FittingOptions, WithAdding):
+    """Fit the five-parameter model."""
+
+    out: Path | None = option("write robot.toml, its table the best without effects", metavar="FILE")
+    urdf_out: Path | None = option("write the template with calibrated origins, as --out", metavar="FILE")
+    kinematics_out: Path | None = option(
+        "the same for joint origins as makers' YAML, or for a UR controller's calibration.conf (.conf)",
+        metavar="FILE.yaml",
+    )
+    template: Sequence[Path] = several(
+        "your own .urdf or .yaml of this arm; default: the file that `import` took the robot from", metavar="FILE"
+    )
+    hand_eye_out: Path | None = option(
+        "write where the camera is, for ROS: .yaml .launch.py .launch .json .txt (the tf command); with "
+        "--residual pose",
+        metavar="FILE",
+    )
+    parent_frame: str | None = option(
+        "your robot's name of the frame that carries the camera, such as tool0; of the base: base_link by default",
+        metavar="NAME",
+    )
+    parent_at: str = option(
+        "which frame that is: behind robot.toml's last joint (default), or behind its tool row, a URDF's tip link",
+        "flange",
+        choices=("flange", "tip"),
+    )
+    camera_frame: str = option(
+        "its name of the camera's optical frame (default camera_optical_frame)", "camera_optical_frame", metavar="NAME"
+    )
+    force: bool = flag("write although the fit is no improvement")
+    residuals: Path | None = option("write what is left over, a row a pose with all inputs", metavar="FILE.csv")
+    scene: Path | None = option("write arm, points and residuals (x 100) in 3D", metavar="FILE.glb")
+    session: Path | None = option("write a session that serve --session opens", metavar="FILE.json")
+    model: Path | None = option(
+        "hold the effects and curves of this saved model, with --refit (of calibrate --model-out)", metavar="FILE.json"
+    )
+    refit: str | None = option("what is fitted anew with --model: frame and tool, or links too (links)", choices=REFITS)
+    type: Path | None = option("begin from what other arms of the type share (of pool --out)", metavar="FILE.json")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValidateOptions(FittingOptions):
+    """How good the fit is away from its poses, and whether more would help."""
+
+    folds: int = option(f"default {DEFAULT_FOLDS}", DEFAULT_FOLDS)
+    model: Path | None = option(
+        "errors of this saved model at the dataset's points, as it is (of calibrate --model-out)", metavar="FILE.json"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrectOptions(FittingOptions, WithAdding):
+    """Joint targets that bring the real arm where the nominal one should be."""
+
+    joints: Path | None = option("targets, columns as poses.csv", metavar="FILE", group="targets", required=True)
+    program: Path | None = option(
+        "a robot program to correct: .script (URScript), .src or .dat (KRL), .mod, .sys or .prg (RAPID)",
+        metavar="FILE",
+        group="targets",
+        required=True,
+    )
+    others: Sequence[Path] = several(
+        "of --program: another file of the controller, which defines tools and bases or moves to the targets "
+        "($config.dat, a module); give it several times for several",
+        metavar="FILE",
+        spelled=["--with"],
+    )
+    tool_frame: Sequence[str] = several(
+        "tool frame on the flange, where the program does not define it (several by their names): "
+        "x,y,z,rx,ry,rz (URScript, m and rad), X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
+        metavar="[NAME=]NUMBERS",
+    )
+    work_frame: Sequence[str] = several(
+        "work frame in the robot's base, where the program does not define it (several by their names): "
+        "x,y,z,rx,ry,rz (URScript, m and rad), X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
+        metavar="[NAME=]NUMBERS",
+    )
+    out: Path = option(
+        "write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID); "
+        "of a program the corrected one, with its suffix",
+        metavar="FILE",
+        required=True,
+    )
+    what: str | None = option(
+        "what is brought right (default: pose where the fit knows the attitude, else position)",
+        choices=CORRECTION_KINDS,
+    )
+    force: bool = flag("go on although the fit is no improvement")
+    model: Path | None = option("use this saved model and fit nothing (of calibrate --model-out)", metavar="FILE.json")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(WithLearnedOut, WithModelOut, FittingOptions):
+    """Which physical effect is missing, step by step."""
+
+    max_steps: int = option("effects to add at the most (default 3)", 3, metavar="N")
+    force: bool = flag("write although the fit is no improvement")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(WithResidual, WithAdding, Output):
+    """What differs between two calibrations: before and after a repair, or two arms of a type."""
+
+    path: Path = argument(A_DATASET, metavar="PATH")
+    other: Path = argument("dataset folder to compare it with", metavar="OTHER")
+
+    def fit_options(self) -> FitOptions:
+        """Fit options of both calibrations, given by --residual."""
+        return FitOptions(residual=self.residual)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepeatOptions(Output):
+    """Which causes come back in several recordings of one arm, and whether their sizes agree."""
+
+    path: Path = argument("dataset folder of the first recording", metavar="PATH")
+    others: Sequence[Path] = argument("further recordings of the same arm", metavar="OTHER", repeated=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions(FittingOptions):
+    """One self-contained HTML page to send to someone."""
+
+    out: Path = option("write the page; FILE.pdf: its print", metavar="FILE", required=True)
+    pdf: Path | None = option("print it, too (by an installed Chromium or Chrome)", metavar="FILE.pdf")
+    force: bool = flag("replace a file that is no report")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiguresOptions(FittingOptions):
+    """The figures of a diagnosis as files, for a paper or a slide."""
+
+    out: Path | None = option("write them, a file each; without it they are listed", metavar="FOLDER")
+    name: Sequence[str] = several("this one only; several times", metavar="NAME")
+    png: bool = flag("as PNG instead of SVG (the extra `agent`)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(FittingOptions):
+    """The whole chain: pass or fail, and why."""
+
+    path: Path = argument(DATASETS, metavar="PATH")
+    max_test_rmse_mm: float | None = option("what the test poses' error may be", metavar="X", parse=values.rmse_mm)

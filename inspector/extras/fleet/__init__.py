@@ -1,0 +1,1 @@
+"""Many datasets: the commands `fleet` and `pool`."""

@@ -1,0 +1,1 @@
+"""Parts to print for measuring: the command `jig`."""

@@ -1,0 +1,12 @@
+"""What printed parts bring."""
+
+from inspector.plugins import Command
+
+CONTRIBUTIONS = (
+    Command(
+        "jig",
+        "inspector.extras.printed_parts.options:JigOptions",
+        "inspector.extras.printed_parts.jig_command:run_jig",
+        after="sample",
+    ),
+)

@@ -1,0 +1,1 @@
+"""The same cell measured again: the command `watch`."""

@@ -1,0 +1,32 @@
+"""Options of `watch`. Nothing slow is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from inspector.cli.options import values
+from inspector.cli.options.declaration import argument, flag, option, several
+from inspector.cli.options.shared import Output, WithAdding
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchOptions(WithAdding, Output):
+    """What changed in a cell since a calibration, by a few check poses."""
+
+    path: Path = argument("dataset folder of the earlier calibration", metavar="PATH")
+    new: Sequence[Path] = argument(
+        "folder of check poses, three poses or more; three folders or more show drifts, too",
+        metavar="NEW",
+        repeated=True,
+    )
+    scanner_moved: bool = flag("the scanner was put up anew, which is no change to be told")
+    tolerance_mm: float | None = option(
+        "tell when the 3D error at the check poses reaches this, from three checks on",
+        metavar="MM",
+        parse=values.rmse_mm,
+    )
+    out: Sequence[Path] = several(
+        "write the control chart: .svg, with tables .html, the series .csv; several times", metavar="FILE"
+    )
