@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from calib.compensation.program_correction import corrected_program, require_no_conditions
@@ -82,7 +82,7 @@ def _program(options: CorrectOptions, dataset: Dataset) -> Program:
     return program
 
 
-def _frames(options: CorrectOptions) -> tuple[tuple[str, list[str]], tuple[str, list[str]]]:
+def _frames(options: CorrectOptions) -> tuple[tuple[str, Sequence[str]], tuple[str, Sequence[str]]]:
     return ("--tool-frame", options.tool_frame), ("--work-frame", options.work_frame)
 
 
