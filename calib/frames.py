@@ -127,6 +127,12 @@ def skew(vectors: ArrayLike) -> Array:
     return out
 
 
+def frame_motion(points_mm: Array, centre_mm: Array) -> Array:
+    """Derivative (N, 3, 6) of points (N, 3) by a frame's small motion: a shift, and a turn about a centre (3,)."""
+    eye = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
+    return np.concatenate([eye, -skew(points_mm - centre_mm)], axis=-1)
+
+
 def best_fit_transform(source_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """Rigid motion target_T_source (4, 4) from source (N, 3) to target (N, 3) with the least weighted squared error.
 

@@ -35,6 +35,15 @@ def axis_sigma(covariances: Array) -> float:
     return float(np.sqrt(np.mean(np.trace(covariances, axis1=1, axis2=2)) / 3.0))
 
 
+def left_out_by(hat: Array) -> Array:
+    """Matrices 1 - H (..., n, n) whose inverses turn residuals of rows into their errors where a fit leaves them out.
+
+    H is the rows' block of the hat matrix. Rows that alone determine a direction make 1 - H singular; a floor keeps
+    their error finite.
+    """
+    return np.asarray((1.0 + 1e-9) * np.eye(hat.shape[-1]) - hat)
+
+
 def covariance_root(covariance: Array) -> Array:
     """Root R (P, P) of a covariance R R^T, in any units; negative eigenvalues from rounding count as zero."""
     scale = np.sqrt(np.clip(np.diag(covariance), 0.0, None))

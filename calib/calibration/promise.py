@@ -36,8 +36,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points
-from calib.fitting.scanner_frame import frame_motion
-from calib.statistics import covariance_root
+from calib.statistics import covariance_root, left_out_by
 
 Z_90 = 1.6448536269514722
 """Standard deviations to either side that hold 90 % of a normal distribution."""
@@ -217,7 +216,7 @@ def _rows(fit: FitUncertainty, observed: Observations, fitted: BoolArray) -> _Ro
             observed.whiten[rows][chosen],
             known=observed.frame_is_known(rows),
         )
-        motion = frame_motion(seen_mm, known.centre_mm)
+        motion = frames.frame_motion(seen_mm, known.centre_mm)
         columns[rows] = turned + motion @ known.follows
         of_frame = motion @ known.frame_root
         if has_own:
@@ -287,8 +286,7 @@ def _left_out(calibration: Calibration, observed: Observations, known: Discrepan
         for j, count in enumerate(counts):
             group = np.concatenate([points[i] for i in order[:count]])
             flat = root[group].reshape(coordinates * len(group), -1)
-            # A pose that alone determines a direction makes 1 - H singular; the floor keeps its error finite.
-            solved = np.linalg.inv((1.0 + 1e-9) * np.eye(len(flat)) - flat @ flat.T)
+            solved = np.linalg.inv(left_out_by(flat @ flat.T))
             missed = (solved[: coordinates * own] @ residual[group].ravel()).reshape(own, coordinates)
             of_points = [slice(coordinates * i, coordinates * (i + 1)) for i in range(own)]
             blocks = np.stack([solved[rows, rows] for rows in of_points])
@@ -336,7 +334,7 @@ def misfit_inflation(calibration: Calibration) -> float:
             points = np.flatnonzero(region == k)
             flat = root[points].reshape(root.shape[1] * len(points), -1)
             # (1 - L L^T)^-1 L = L (1 - L^T L)^-1, which is small however many poses a region has
-            solved = flat @ np.linalg.inv((1.0 + 1e-9) * np.eye(flat.shape[1]) - flat.T @ flat)
+            solved = flat @ np.linalg.inv(left_out_by(flat.T @ flat))
             moved += float(np.sum((solved.T @ (residual[points].ravel() / noise)) ** 2))
             expected += float(np.sum(flat * solved))
         ratios.append(moved / max(expected, 1e-300))

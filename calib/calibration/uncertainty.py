@@ -18,7 +18,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
-from calib.fitting.scanner_frame import frame_motion, whitened_motion
+from calib.fitting.scanner_frame import whitened_motion
 from calib.identifiability.structural import absorbed_by_scanner_frame, redundancy
 from calib.statistics import covariance_root
 
@@ -214,7 +214,7 @@ def prediction_covariance_at(calibration: Calibration, poses: Poses, setup: str 
     scanner_T_base = calibration.after.scanner_T_base[name]
     target = observed.first_target if calibration.model.robot.carries_scanner else "jig"
     points_mm, by_q = calibration.model.linearise(calibration.fit.x, poses, target)
-    motion = frame_motion(frames.apply(scanner_T_base, points_mm), known.centre_mm)
+    motion = frames.frame_motion(frames.apply(scanner_T_base, points_mm), known.centre_mm)
     rows = np.concatenate([scanner_T_base[:3, :3] @ by_q, motion], axis=-1)
     spread = rows @ covariance_root(known.covariance)
     return np.asarray(spread @ np.swapaxes(spread, 1, 2))

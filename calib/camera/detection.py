@@ -26,6 +26,7 @@ from calib.camera.observed import IMAGE_SUFFIXES
 from calib.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
 from calib.errors import CalibError
 from calib.progress import OnProgress
+from calib.rendering import numbers
 from calib.statistics import rms_length
 
 _OF_MARKER = 4  # corners of a single marker
@@ -86,21 +87,7 @@ def image_files(folder: Path) -> dict[str, Path]:
     twice = [stem for stem, count in Counter(path.stem for path in found).items() if count > 1]
     if twice:
         raise CalibError(f"--images {folder}: two images are named {twice[0]!r}; an image a pose is needed")
-    return {path.stem: path for path in sorted(found, key=lambda path: natural(path.stem))}
-
-
-def natural(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Key that sorts names with their numbers as numbers."""
-    parts: list[tuple[int, int, str]] = []
-    digits = word = ""
-    for letter in f"{name}\0":
-        if letter.isdecimal() and letter.isascii():
-            parts += [(1, 0, word)] if word else []
-            digits, word = digits + letter, ""
-        else:
-            parts += [(0, int(digits), "")] if digits else []
-            digits, word = "", word + letter
-    return (*parts, (1, 0, word))
+    return {path.stem: path for path in sorted(found, key=lambda path: numbers.natural_order(path.stem))}
 
 
 def detect(

@@ -59,8 +59,7 @@ def pose_columns(numbers: Array, camera_T_board: Array, board_mm: Array) -> tupl
     """Predicted pixels (N, 2), and derivatives by the board's shift and turn (N, 2, 6)."""
     about_mm = board_mm @ camera_T_board[:3, :3].T
     camera_mm = about_mm + camera_T_board[:3, 3]
-    point = by_point(numbers, camera_mm)
-    return project(numbers, camera_mm), np.concatenate([point, -point @ frames.skew(about_mm)], axis=-1)
+    return project(numbers, camera_mm), by_point(numbers, camera_mm) @ frames.frame_motion(about_mm, np.zeros(3))
 
 
 def view_columns(numbers: Array, camera_T_board: Array, board_mm: Array) -> tuple[Array, Array, Array]:

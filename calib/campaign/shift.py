@@ -22,7 +22,6 @@ from calib.dataset.dataset import Dataset
 from calib.distributions import f_sf
 from calib.errors import CalibError
 from calib.fitting.observations import Observations, predict_points
-from calib.fitting.scanner_frame import frame_motion
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import TOOL_POINT, Target
 from calib.options import FitOptions
@@ -150,7 +149,7 @@ def _sized(dataset: Dataset, run: Sequence[str], before: str, what: What, option
     predicted_mm = frames.apply(placed, predict_points(others.model, others.fit.x, observed))
     off = observed.points.xyz_mm - predicted_mm
     if what == "instrument":
-        columns = frame_motion(predicted_mm, predicted_mm.mean(axis=0))
+        columns = frames.frame_motion(predicted_mm, predicted_mm.mean(axis=0))
     else:
         columns = placed[:3, :3] @ _base_R_tool(dataset, observed)
     flat = columns.reshape(-1, columns.shape[-1])

@@ -17,7 +17,7 @@ from calib.calibration.promise import Discrepancy
 from calib.dataset.dataset import Poses
 from calib.dataset.trained_range import TrainedRange
 from calib.fitting.model import Model
-from calib.fitting.scanner_frame import frame_motion
+from calib.frames import frame_motion
 from calib.kinematics.robot import TOOL_POINT
 
 _POSTURES, _SPAN_RAD, _SPAN_MM = 64, 1.0, 100.0  # postures around the targets, over which a turn is common

@@ -9,8 +9,8 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Dataset, Points
-from calib.fitting.scanner_frame import frame_motion, orthonormal
-from calib.frames import apply, best_fit_transform
+from calib.fitting.scanner_frame import orthonormal
+from calib.frames import apply, best_fit_transform, frame_motion
 from calib.kinematics.chain import Chain, forward, point_jacobian
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.statistics import rms_length

@@ -17,6 +17,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot
 from calib.options import BUILTIN_ROBOTS
+from calib.rendering import numbers
 from calib.robot_formats.chain.five_parameters import robot_of
 from calib.robot_formats.ur_calibration import MODELS, chain_of_standard, nominal_rows
 
@@ -159,7 +160,7 @@ def _joints_words(joints: Sequence[int]) -> str:
 
 
 def _and(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return numbers.listing(words)
 
 
 # ---- units ---------------------------------------------------------------------------------------------------------
@@ -240,14 +241,12 @@ def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Data
     rows = np.arange(len(dataset.poses))
     rows[poses] = source
     wrong = [dataset.poses.ids[i] for i in poses[poses != source]]
-    more = f" and {len(wrong) - _NAMED_ROWS} more" if len(wrong) > _NAMED_ROWS else ""
-    named = f"{', '.join(wrong[:_NAMED_ROWS])}{more}"
     pairs = ", ".join(
         f"{dataset.poses.ids[i]} has the joints of {dataset.poses.ids[k]}"
         for i, k in zip(poses, source, strict=True)
         if i != k
     )
-    which = pairs if len(wrong) <= _NAMED_ROWS else named
+    which = pairs if len(wrong) <= _NAMED_ROWS else numbers.in_short(wrong, _NAMED_ROWS)
     return DataHypothesis(
         ROW_ORDER,
         f"the points of {len(wrong)} of {len(poses)} poses belong to the joints of other rows ({which})",

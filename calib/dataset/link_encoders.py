@@ -20,6 +20,7 @@ from calib.distributions import f_sf
 from calib.kinematics.chain import forward
 from calib.kinematics.drive import HARMONICS, knows_load, term_columns
 from calib.kinematics.robot import DriveTerm, LinkEncoder, Robot
+from calib.rendering import numbers
 from calib.statistics import rms
 
 FEWEST_POSES = 12  # from which what lies between motor and link can be told
@@ -183,7 +184,7 @@ def _svd(laws: Sequence[_Law]) -> tuple[Array, Array, Array]:
 def _note(encoders: Sequence[LinkEncoder]) -> str:
     """Sentence that says that the links' own angles are used."""
     joints = [str(encoder.joint + 1) for encoder in encoders]
-    of = f"joint {joints[0]}" if len(joints) == 1 else f"joints {', '.join(joints[:-1])} and {joints[-1]}"
+    of = f"{'joint' if len(joints) == 1 else 'joints'} {numbers.listing(joints)}"
     return (
         f"the angle of {of} is that of the encoder on the link (link_q{joints[0]}_deg"
         f"{' ...' if len(joints) > 1 else ''}), less a constant; effects between motor and link are told from the "

@@ -22,6 +22,7 @@ from calib.dataset.signals import measured_torque_nm
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import MeasuredLoad, Robot
 from calib.kinematics.statics import PER_LINK, masses_and_moments, statics_columns
+from calib.rendering import numbers
 
 FEWEST_POSES = 12  # from which the torques of weight can be told
 _FOLLOWS = 0.3  # least correlation of torques with weight, below which they are something else
@@ -72,7 +73,7 @@ def with_measured_loads(dataset: Dataset) -> Dataset:
     found = {j: torque for j in turning if (torque := measured_torque_nm(poses, j)) is not None}
     if not found:
         return dataset
-    columns = _listed([f"torque{j + 1}_nm" for j in found])
+    columns = numbers.listing([f"torque{j + 1}_nm" for j in found])
     trained = np.array([i for i in np.argsort(poses.order, kind="stable") if not poses.is_test[i]])
     if len(trained) < FEWEST_POSES:
         words = (
@@ -242,18 +243,18 @@ def _doubt(loads: Sequence[MeasuredLoad]) -> str:
     of_weight = [f"{100.0 * load.explained:.3g} % of torque{load.joint + 1}_nm" for load in loads]
     noise = [f"{load.sigma_nm:.2g} Nm" for load in loads]
     return (
-        f"weight explains {_listed(of_weight)}, and of the rest {_listed(noise)} are taken for noise; if they are load "
-        "(cables, contact, a payload that poses.csv does not tell), give payload_kg in poses.csv, or torque_sigma_nm "
-        "in [signals] of dataset.toml, by which the readings count"
+        f"weight explains {numbers.listing(of_weight)}, and of the rest {numbers.listing(noise)} are taken for noise; "
+        "if they are load (cables, contact, a payload that poses.csv does not tell), give payload_kg in poses.csv, or "
+        "torque_sigma_nm in [signals] of dataset.toml, by which the readings count"
     )
 
 
 def _note(columns: str, loads: Sequence[MeasuredLoad], doubtful: Sequence[MeasuredLoad]) -> str:
     """Sentence on the torques that are used, the noise of those that `_doubt` leaves, and what is done about it."""
     several = len(loads) > 1
-    joints = _listed([str(load.joint + 1) for load in loads])
+    joints = numbers.listing([str(load.joint + 1) for load in loads])
     of = "drive's, which holds the load" if loads[0].sign < 0.0 else "load's own"
-    of_noise = f"noise by {_listed(list(dict.fromkeys(load.sigma_from for load in loads)))}"
+    of_noise = f"noise by {numbers.listing(list(dict.fromkeys(load.sigma_from for load in loads)))}"
     each = [
         f"joint {load.joint + 1}: weight explains {100.0 * load.explained:.3g} %, noise {load.sigma_nm:.2g} Nm, "
         f"{100.0 * load.trust:.0f} % of the rest is taken as load"
@@ -266,7 +267,3 @@ def _note(columns: str, loads: Sequence[MeasuredLoad], doubtful: Sequence[Measur
         f"masses in robot.toml; by its sign it is the {of} ({'; '.join([*each, of_noise])}). "
         f"Slopes over it are corrected for that noise, which would make them up to {worst:.2g} % too small"
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

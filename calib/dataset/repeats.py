@@ -18,6 +18,7 @@ from calib.dataset.further_columns import FurtherColumns, is_number
 from calib.dataset.signals import is_signal, joints_of_other_bodies, named_temperatures
 from calib.distributions import chi2_sf
 from calib.lazy_modules import pd
+from calib.rendering import numbers
 
 SAME_JOINT = 1e-6  # deg, or mm of a prismatic joint: joint values that differ by less are the same
 SAME_TEMPERATURE_C = 0.2  # accuracy of a reading of the arm's temperature
@@ -274,11 +275,10 @@ def _warnings(poses: Poses, group: IndexArray, measured: IndexArray) -> tuple[st
     both = np.intersect1d(group[measured[is_test]], group[measured[~is_test]])
     if not len(both):
         return ()
-    ids = [poses.ids[int(np.flatnonzero(group == g)[0])] for g in both[:_MOST_NAMED]]
-    more = " ..." if len(both) > _MOST_NAMED else ""
+    ids = [poses.ids[int(np.flatnonzero(group == g)[0])] for g in both]
     return (
-        f"repeat groups with both training and test poses: {len(both)}, {', '.join(ids)}{more}; their test error is no "
-        "prediction: give all repeats of one group the same role",
+        f"repeat groups with both training and test poses: {len(both)}, {numbers.in_short(ids, _MOST_NAMED)}; "
+        "their test error is no prediction: give all repeats of one group the same role",
     )
 
 

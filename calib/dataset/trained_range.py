@@ -11,6 +11,7 @@ from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import in_repeat_groups_of
 from calib.kinematics.robot import Robot
+from calib.rendering import numbers
 
 _SHARE = 0.1  # of a joint's range: so far beyond its ends is still inside
 _LEAST_RAD, _LEAST_MM = np.radians(1.0), 1.0  # of a joint that hardly moved
@@ -51,7 +52,7 @@ class TrainedRange:
         rows = np.flatnonzero(beyond.any(axis=1))
         if not len(rows):
             return ""
-        names = ", ".join(ids[i] for i in rows[:_MOST_NAMED]) + (" ..." if len(rows) > _MOST_NAMED else "")
+        names = numbers.in_short([ids[int(i)] for i in rows], _MOST_NAMED)
         joint = int(np.argmax(beyond.sum(axis=0)))
         scale, unit = (np.degrees(1.0), "°") if robot.joints[joint].is_revolute else (1.0, " mm")
         trained = f"{scale * self.low[joint]:.4g} to {scale * self.high[joint]:.4g}{unit}"

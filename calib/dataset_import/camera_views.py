@@ -16,7 +16,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.reprojection import full_pose_errors
 from calib.camera.ball import SeenBall, balls_in
 from calib.camera.board import Board, board_of
-from calib.camera.detection import Detected, MeasuredViews, detect, image_files, measure, natural
+from calib.camera.detection import Detected, MeasuredViews, detect, image_files, measure
 from calib.camera.focus import focus_errors
 from calib.camera.intrinsics import load_lens
 from calib.camera.marker_poses import load_marker_poses
@@ -32,6 +32,7 @@ from calib.kinematics.board_hand_eye import board_hand_eye
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.progress import OnProgress
+from calib.rendering import numbers
 from calib.statistics import rms
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable
@@ -297,11 +298,11 @@ def _poses_of_images(
         gone = [path.name for stem, path in images.items() if stem not in best]
         notes = [f"{table.path}: column {where} names the images"] if where else []
         if gone:
-            shown = ", ".join(gone[:_MOST_NAMED]) + (" ..." if len(gone) > _MOST_NAMED else "")
+            shown = numbers.in_short(gone, _MOST_NAMED)
             notes.append(f"{folder}: {len(gone)} images have no row in {table.path.name} and are left out: {shown}")
         return best, notes
     if len(images) == len(ids):
-        order = sorted(images, key=natural)
+        order = sorted(images, key=numbers.natural_order)
         note = f"{folder}: no column names the images; they are taken in the order of their names, {order[0]} first"
         return dict(zip(order, ids, strict=True)), [note]
     raise CalibError(

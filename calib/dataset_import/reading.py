@@ -25,6 +25,7 @@ from calib.dataset_import.columns import (
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
+from calib.rendering import numbers
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import Fault, RowFault, UserTable, plain, split_unit
 
@@ -250,7 +251,7 @@ def named_places(report: ImportReport, table: UserTable, meant: Recognised, plac
                 rows.append((pose, *places.rows[row_of[place]]))
                 lines.append(places.lines[row_of[place]])
             elif place:
-                known = ", ".join(listed[:_MOST_PLACES]) + (" ..." if len(listed) > _MOST_PLACES else "")
+                known = numbers.in_short(listed, _MOST_PLACES)
                 found = f"{place[:40]!r} is not in {places.path} ({known})"
                 report.fault(RowFault(table.path, table.lines[k], found, of_visit))
         report.notes.append(

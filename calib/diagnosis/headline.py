@@ -11,6 +11,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.distributions import chi2_sf
 from calib.fitting.tool_point import ToolShift
+from calib.rendering import numbers
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 NOISE_AGREES = 1.5  # times the noise: up to this an error may be what noise leaves, where few points tell of it
@@ -105,7 +106,7 @@ def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:
 
 def _name(new: Sequence[str], links: str) -> str:
     parts = [*([links] if links else []), *("learned curves" if n == LEARNED else n for n in new)]
-    return f"with {', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else f"with {''.join(parts)}"
+    return f"with {numbers.listing(parts)}"
 
 
 def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = False) -> float:

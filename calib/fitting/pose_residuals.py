@@ -301,9 +301,7 @@ class PoseResiduals(ObservedResiduals):
         by_turn = _by_left_turn(error[:, 3:])
         at_mm = error[:, :3] + self._as_measured.xyz_mm
         for k, rows in enumerate(self._setup_rows):
-            arm = at_mm[rows] - at_mm[rows].mean(axis=0)
-            out[rows, :3, 6 * k : 6 * k + 3] = np.eye(3)
-            out[rows, :3, 6 * k + 3 : 6 * k + 6] = -frames.skew(arm)
+            out[rows, :3, 6 * k : 6 * k + 6] = frames.frame_motion(at_mm[rows], at_mm[rows].mean(axis=0))
             out[rows, 3:, 6 * k + 3 : 6 * k + 6] = by_turn[rows]
         out[:, 3:, -3:] = by_turn @ self._scanner_R_base(placed) @ attitude
         return out

@@ -33,6 +33,7 @@ from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual import Residuals
 from calib.fitting.trust_region import solve
+from calib.statistics import left_out_by
 
 F = TypeVar("F")  # the fit of `fit_inliers`
 
@@ -138,8 +139,7 @@ def _distance(error: Array, lever: Array, *, fitted: bool) -> float:
     That is the statistic T of the module, with lever lever^T = H, or L where the pose was not fitted.
     """
     of_fit = lever @ lever.T
-    variance = (1.0 + 1e-9) * np.eye(len(error)) + (-of_fit if fitted else of_fit)
-    return float(error @ np.linalg.solve(variance, error))
+    return float(error @ np.linalg.solve(left_out_by(of_fit if fitted else -of_fit), error))
 
 
 def resistant_core(make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool) -> BoolArray:

@@ -70,16 +70,10 @@ def whitened_motion(points_mm: Array, centre_mm: Array, whiten: Array) -> Array:
 
     A turn about the anchor changes no length, and one about another point does what a shift does.
     """
-    columns = np.asarray(whiten @ frame_motion(points_mm, centre_mm))
+    columns = np.asarray(whiten @ frames.frame_motion(points_mm, centre_mm))
     if whiten.shape[1] == 1:
         columns[..., 3:] = 0.0
     return columns
-
-
-def frame_motion(points_mm: Array, centre_mm: Array) -> Array:
-    """Derivative (M, 3, 6) of points (M, 3) by a frame's small motion: a shift, a turn about a centre (3,)."""
-    eye = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
-    return np.concatenate([eye, -frames.skew(points_mm - centre_mm)], axis=-1)
 
 
 def orthonormal(columns: Array) -> Array:

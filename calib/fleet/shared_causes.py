@@ -12,7 +12,6 @@ weight `SINCE_WEIGHT`, as a new batch shows so.
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +23,7 @@ import numpy as np
 from calib.array_types import BoolArray, IndexArray
 from calib.distributions import hypergeometric_sf
 from calib.fleet.row import EffectSize, Row
+from calib.rendering import numbers
 
 FEWEST = 3  # arms that make a cause shared
 MAIN_SHARE = 0.25  # of the displacement by an effect's largest member, from which another joint carries it too
@@ -69,7 +69,7 @@ def shared_causes(rows: Iterable[Row]) -> tuple[SharedCause, ...]:
     for row in sorted(rows, key=lambda row: (row.date, row.path)):
         if row.verdict:
             rows_of[row.arm].append(row)
-    arms = [rows_of[arm] for arm in sorted(rows_of, key=lambda arm: (arm[0], natural(arm[1])))]
+    arms = [rows_of[arm] for arm in sorted(rows_of, key=lambda arm: (arm[0], numbers.natural_order(arm[1])))]
     tests: list[tuple[int, Group]] = []
     found: list[SharedCause] = []
     for robot, of_robot in [*_by_robot(arms).items(), ("", arms)]:
@@ -261,8 +261,3 @@ def best_range(has: BoolArray) -> tuple[int, int, float]:
         return float(table[narrowest(np.sort(rng.permutation(n)[:cases])), among].min())
 
     return first, last, permuted_p(drawn, p, bonferroni=p * n * (n + 1) / 2)
-
-
-def natural(text: str) -> tuple[tuple[int, int, str], ...]:
-    """Sort key that orders numbers within texts by value, so that "A-9" comes before "A-10"."""
-    return tuple((0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", text) if part)

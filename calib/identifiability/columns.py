@@ -106,8 +106,7 @@ def _columns_of_world_targets(
 def _motion(points_mm: Array, rows: IndexArray) -> Array:
     """Derivative (N, 6, 6) of positions and orientations by a small shift and turn of a setup's scanner frame."""
     motion = np.zeros((len(points_mm), 6, 6))
-    motion[rows, :3, :3] = np.eye(3)
-    motion[rows, :3, 3:] = -frames.skew(points_mm[rows] - points_mm[rows].mean(axis=0))
+    motion[rows, :3] = frames.frame_motion(points_mm[rows], points_mm[rows].mean(axis=0))
     motion[rows, 3:, 3:] = MM_PER_RADIAN * np.eye(3)
     return motion
 

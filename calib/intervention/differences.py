@@ -251,8 +251,8 @@ def _nuisance(
     runs = int(run.max()) + 1
     out = np.zeros((len(row), 3, runs, 9))
     own = np.empty((len(row), 3, 9))
-    own[..., :3] = np.eye(3)
-    own[..., 3:6] = -frames.skew(predicted_mm - predicted_mm.mean(axis=0)) / _LEVER_MM
+    own[..., :6] = frames.frame_motion(predicted_mm, predicted_mm.mean(axis=0))
+    own[..., 3:6] /= _LEVER_MM
     for target, of_target in observed.targets.items():
         own[of_target, :, 6:] = states[target].attitude[row[of_target]]
     out[np.arange(len(row)), :, run] = own

@@ -10,7 +10,6 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.fitting.scanner_frame import frame_motion
 from calib.monitoring.change_models import BASE, LARGEST_BY_UNIT, SCANNER, ChangeModel
 from calib.monitoring.change_tests import (
     ALARM,
@@ -157,4 +156,4 @@ class CellTests:
 def scanner_motion(check: CheckPoints, scanner_T_base: Array, centre_mm: Array) -> ChangeModel:
     """Change model of the scanner's motion by a shift (mm) and a rotation (rad) about a centre in its frame."""
     predicted_mm = frames.apply(scanner_T_base, check.at_mm)
-    return ChangeModel(SCANNER, None, "", "mm", scanner_T_base[:3, :3].T @ frame_motion(predicted_mm, centre_mm))
+    return ChangeModel(SCANNER, None, "", "mm", scanner_T_base[:3, :3].T @ frames.frame_motion(predicted_mm, centre_mm))

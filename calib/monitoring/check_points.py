@@ -16,7 +16,7 @@ from calib.dataset.dataset import Dataset
 from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
-from calib.fitting.scanner_frame import fit_scanner_frame, frame_motion, whitener
+from calib.fitting.scanner_frame import fit_scanner_frame, whitener
 from calib.monitoring.change_models import ChangeModel, change_models_of_arm
 from calib.monitoring.change_tests import ChangeTests
 from calib.monitoring.misfit import MOST_POSES, Misfit
@@ -77,7 +77,7 @@ class CheckPoints:
         predicted_mm = frames.apply(scanner_T_base, self.at_mm)
         residual = np.einsum("mij,mj->mi", self.whiten, self.measured_mm - predicted_mm).ravel()
         columns = (self.whiten @ scanner_T_base[:3, :3] @ self.by_x).reshape(len(residual), -1)
-        motion = (self.whiten @ frame_motion(predicted_mm, centre_mm)).reshape(len(residual), 6)
+        motion = (self.whiten @ frames.frame_motion(predicted_mm, centre_mm)).reshape(len(residual), 6)
         return residual, columns, motion
 
 

@@ -27,7 +27,6 @@ from calib.effects.effect import Effect, full_name
 from calib.effects.state import Seen
 from calib.fitting.model import effect_columns, point_by_state
 from calib.fitting.observations import linearise_points
-from calib.fitting.scanner_frame import frame_motion
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.member_columns import member_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
@@ -258,7 +257,7 @@ def _measured_rows(projected: ProjectedResidual, common: BoolArray) -> tuple[Arr
         scanner_mm = frames.apply(placed[name], at_mm[rows])
         centre[name] = scanner_mm.mean(axis=0)
         block = np.zeros((len(at_mm), 3, 6))
-        block[rows] = whiten[rows] @ frame_motion(scanner_mm, centre[name]) * _FRAME
+        block[rows] = whiten[rows] @ frames.frame_motion(scanner_mm, centre[name]) * _FRAME
         blocks.append(block.reshape(-1, 6))
     all_columns = np.concatenate([columns[:, common] * residuals.model.scales[common], *blocks], axis=1)
     residual = _whitened(projected, residual[:, None])[:, 0]
@@ -301,7 +300,7 @@ class _NewRows:
             block = np.zeros((len(poses), 3, 6 * len(centre)))
             for k, (name, middle_mm) in enumerate(centre.items()):
                 rows = poses.setup == name
-                block[rows, :, 6 * k : 6 * k + 6] = frame_motion(at_mm[rows], middle_mm) / sigma_mm * _FRAME
+                block[rows, :, 6 * k : 6 * k + 6] = frames.frame_motion(at_mm[rows], middle_mm) / sigma_mm * _FRAME
             by_frame.append(block)
         return cls(
             np.concatenate(by_x, axis=1), np.concatenate(by_frame, axis=1), by_state, projected, poses, seen, sigma_mm

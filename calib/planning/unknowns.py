@@ -21,7 +21,7 @@ from calib.errors import CalibError, FitError
 from calib.fitting.model import Model
 from calib.fitting.noise import noise_factors, shaped_covariance
 from calib.fitting.observations import Observations, linearise_points
-from calib.fitting.scanner_frame import frame_motion, whitener
+from calib.fitting.scanner_frame import whitener
 from calib.kinematics.robot import Robot
 from calib.noise_shape import NoiseShape
 
@@ -211,7 +211,7 @@ def _point_columns(unknowns: Unknowns, observed: Observations) -> Array:
     for k, (name, scanner_T_base) in enumerate(unknowns.scanner_T_base.items()):
         rows = observed.setup == name
         columns[rows, :, :p] = scanner_T_base[:3, :3] @ (by_x[rows] * unknowns.scales)
-        motion = frame_motion(frames.apply(scanner_T_base, at_mm[rows]), unknowns.centre_mm[name])
+        motion = frames.frame_motion(frames.apply(scanner_T_base, at_mm[rows]), unknowns.centre_mm[name])
         motion[..., 3:] /= _TURN_MM
         columns[rows, :, p + 6 * k : p + 6 * k + 6] = motion
     return columns

@@ -8,9 +8,13 @@ the sigma leaves. Angles are in degrees. U+2212 is the minus sign.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
+from typing import TypeVar
 
 from calib.options import GREEK_LETTERS
+
+_T = TypeVar("_T")
 
 MISSING = "–"
 MINUS = "\N{MINUS SIGN}"
@@ -152,6 +156,23 @@ def listing(names: Sequence[object], last: str = "and") -> str:
     """Names joined for a sentence: "a, b and c"."""
     said = [str(name) for name in names]
     return f"{', '.join(said[:-1])} {last} {said[-1]}" if len(said) > 1 else "".join(said)
+
+
+def first_of(names: Sequence[_T], most: int) -> list[_T | str]:
+    """The first names of many, then how many more there are."""
+    more = len(names) - most
+    return [*names[:most], *([f"{more} more"] if more > 0 else [])]
+
+
+def in_short(names: Sequence[object], most: int) -> str:
+    """The first names of many for a message: "a, b and 7 more"; separated by commas where all are told."""
+    return listing(first_of(names, most)) if len(names) > most else ", ".join(map(str, names))
+
+
+def natural_order(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sort key of names that takes the numbers in them by value, so that "A-9" comes before "A-10"."""
+    parts = re.split(r"([0-9]+)", name)
+    return tuple((0, int(part), "") if k % 2 else (1, 0, part) for k, part in enumerate(parts) if part)
 
 
 def capitalised(words: str) -> str:

@@ -7,6 +7,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from calib.array_types import Array
+from calib.frames import quaternion_from_rotation
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
 from calib.robot_formats.urdf.text import GYRATION_M, TOOL_POINT_LINK, numbers
 
@@ -60,17 +61,4 @@ def plain_mjcf(chain: SerialChain) -> str:
 
 def _place(transform: Array) -> str:
     """Position, m, and unit quaternion w, x, y, z of a transform, with all their digits."""
-    return f'pos="{numbers(1e-3 * transform[:3, 3])}" quat="{numbers(_quaternion(transform[:3, :3]))}"'
-
-
-def _quaternion(turn: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of a rotation: the eigenvector of Bar-Itzhack's matrix, the nearest one."""
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = turn.ravel()
-    matrix = np.array([
-        [xx + yy + zz, zy - yz, xz - zx, yx - xy],
-        [zy - yz, xx - yy - zz, yx + xy, zx + xz],
-        [xz - zx, yx + xy, yy - xx - zz, zy + yz],
-        [yx - xy, zx + xz, zy + yz, zz - xx - yy],
-    ])  # fmt: skip
-    vector = np.linalg.eigh(matrix)[1][:, -1]
-    return np.asarray(vector * (1.0 if vector[0] >= 0.0 else -1.0))
+    return f'pos="{numbers(1e-3 * transform[:3, 3])}" quat="{numbers(quaternion_from_rotation(transform[:3, :3]))}"'

@@ -13,7 +13,7 @@ from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import mean_by_pose
 from calib.screening.projected_residual import ProjectedResidual, project_residual
-from calib.statistics import rms
+from calib.statistics import left_out_by, rms
 
 _FAR, _VERY_FAR = 1.5, 3.0  # times the largest error of a training pose left out
 _FEWEST_FAR, _FEW = 3, 0.15  # test poses that are far off, in number and as a share of them: fewer are single poses
@@ -55,8 +55,7 @@ def left_out_errors_mm(
         rows = (coordinates * points[:, :, None] + np.arange(coordinates)).reshape(len(points), -1)
         fitted, extra = projected.basis[rows], shrunk[rows]
         hat = fitted @ np.swapaxes(fitted, 1, 2) + extra @ inner @ np.swapaxes(extra, 1, 2)
-        # Without a pose that alone determines a direction, I - H is singular; the floor keeps its error finite.
-        error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, rest[rows][..., None])[..., 0]
+        error = np.linalg.solve(left_out_by(hat), rest[rows][..., None])[..., 0]
         out[rows] = error * np.repeat(sigma_mm[points], coordinates, axis=1)
     return out
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from calib.errors import DatasetError, printable, visible
 from calib.lazy_modules import pd
+from calib.rendering import numbers
 
 MOST_BYTES = 200_000_000
 MOST_CELLS = 10_000_000  # a hundred thousand poses with a hundred columns
@@ -110,7 +111,6 @@ def rows_csv(rows: Sequence[Sequence[str]]) -> str:
     return out.getvalue()
 
 
-def names_in_short(names: Sequence[str], most: int = 30) -> str:
-    """The first `most` names, each cut to a few characters, separated by commas."""
-    listed = ", ".join(printable(name[:60]) for name in names[:most])
-    return listed + (f" and {len(names) - most} more" if len(names) > most else "")
+def names_in_short(names: Sequence[str]) -> str:
+    """The first of some names, each cut to a few characters, separated by commas."""
+    return numbers.in_short([printable(name[:60]) for name in names], 30)

@@ -239,9 +239,9 @@ class ReviewPanel:
             self._boxed.content = ""
             return
         table = [] if view.session.screening is None else explained_at(view.session.screening, ids)
-        words = spans(f"{numbers.count(len(ids), 'pose')} in the box: ", listed([pose(i) for i in ids[:BOXED_NAMED]]))
-        more = f" and {len(ids) - BOXED_NAMED} more" if len(ids) > BOXED_NAMED else ""
-        self._boxed.content = panel([Paragraph(spans(words, more, ".")), *table])
+        named = listed(numbers.first_of([pose(i) for i in ids], BOXED_NAMED))
+        words = spans(f"{numbers.count(len(ids), 'pose')} in the box: ", named, ".")
+        self._boxed.content = panel([Paragraph(words), *table])
 
     def list_datasets(self, names: tuple[str, ...]) -> None:
         """List the datasets that can be chosen."""

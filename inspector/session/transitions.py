@@ -21,6 +21,7 @@ from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.options import FitOptions
 from calib.planning.discrimination import discriminating_poses, nearest_alternative, next_poses
+from calib.rendering import numbers
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import run_residual_tests
 from inspector.session.measuring import with_face_labels
@@ -300,7 +301,7 @@ def with_poses_left_out(session: Session, *pose_ids: str) -> Session:
     if not further:
         several = "poses {} are" if len(pose_ids) > 1 else "pose {} is"
         raise CalibError(f"{several.format(', '.join(pose_ids))} left out already")
-    label = ", ".join(further[:LABELLED_POSES]) + (" …" if len(further) > LABELLED_POSES else "")
+    label = numbers.in_short(further, LABELLED_POSES)
     return _fitted_again(replace(session, left_out=(*session.left_out, *further)), f"{LEFT_OUT}{label}")
 
 

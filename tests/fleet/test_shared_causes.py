@@ -12,8 +12,9 @@ from scipy import stats
 from calib.array_types import BoolArray
 from calib.distributions import hypergeometric_sf
 from calib.fleet.row import EffectSize, Row
-from calib.fleet.shared_causes import best_range, best_since, natural, shared_causes
+from calib.fleet.shared_causes import best_range, best_since, shared_causes
 from calib.present.over_time.fleets import cause_phrase
+from calib.rendering import numbers
 from tests.support.fleet import row
 
 
@@ -138,4 +139,4 @@ def test_the_best_range_is_the_unlikeliest_and_its_probability_counts_all_ranges
 
 def test_serial_numbers_are_in_the_order_of_their_numbers() -> None:
     names = ["A-10", "A-9", "B-1", "A-9b", "10", "9"]
-    assert sorted(names, key=natural) == ["9", "10", "A-9", "A-9b", "A-10", "B-1"]
+    assert sorted(names, key=numbers.natural_order) == ["9", "10", "A-9", "A-9b", "A-10", "B-1"]

@@ -14,6 +14,7 @@ from calib.dataset.files.csv_table import TableFile, short
 from calib.errors import is_one_line
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
+from calib.rendering import numbers
 from calib.units import UNITS_MM
 
 _ALIKE = 0.2  # of the ratio's logarithm: the true arm is closer to its table than that, other units are farther
@@ -181,10 +182,9 @@ def unmeasured_note(path: Path, poses: Poses, points: Points) -> tuple[str, ...]
     without = np.setdiff1d(np.arange(len(poses)), points.pose)
     if not len(without):
         return ()
-    names = ", ".join(poses.ids[i] for i in without[:_MOST_NAMED])
-    more = f" and {len(without) - _MOST_NAMED} more" if len(without) > _MOST_NAMED else ""
+    names = numbers.in_short([poses.ids[i] for i in without], _MOST_NAMED)
     tests = int(np.count_nonzero(poses.is_test[without]))
     return (
         f"{path}: no point for {len(without)} of {len(poses)} poses, {len(without) - tests} to train on and {tests} to "
-        f"test; they are left out: {names}{more}",
+        f"test; they are left out: {names}",
     )

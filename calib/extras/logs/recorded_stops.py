@@ -31,6 +31,7 @@ from calib.extras.logs.standstill import LEAST_S, Phase, Standstill, approach_of
 from calib.extras.logs.table_logs import has_time, head_of, is_always_log, is_log, read_table_log
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
+from calib.rendering import numbers
 from calib.statistics import mad_sigmas, rms
 from calib.text_files.records import table_file
 from calib.text_files.user_table import UserTable, split_unit
@@ -236,10 +237,7 @@ def _joints_of(
     if unused and is_bag(file):
         notes.append(f"{file}: other joints are left out: {visible(', '.join(unused[:_NAMED]))}")
     if read.others:
-        shown = ", ".join(read.others[:_NAMED]) + (
-            f" and {len(read.others) - _NAMED} more" if len(read.others) > _NAMED else ""
-        )
-        notes.append(f"{file}: not read: {visible(shown)}")
+        notes.append(f"{file}: not read: {visible(numbers.in_short(read.others, _NAMED))}")
     unit = chosen.unit
     told = [
         column if column.unit or not unit else replace(column, unit=unit if joint.is_revolute else "m")
@@ -492,7 +490,7 @@ def _calm(name: str, means: Means, joint_s: Array, rest: Standstill, notes: list
     has = ~np.isnan(means.mean[:, 0])
     missing = rest.starts_s(joint_s)[~has] - joint_s[0]
     if len(missing):
-        when = ", ".join(f"{each:.1f} s" for each in missing[:_NAMED]) + (" ..." if len(missing) > _NAMED else "")
+        when = numbers.in_short([f"{each:.1f} s" for each in missing], _NAMED)
         notes.append(f"{name}: {len(missing)} of {len(has)} stops have no point and are left out (at {when})")
     return np.asarray(has)
 

@@ -21,7 +21,7 @@ from calib.present.fit.calibration import leading_entry_sentence, table_doubts
 from calib.present.fit.laws import law_phrase
 from calib.present.names import input_name
 from calib.rendering import numbers
-from calib.rendering.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
+from calib.rendering.blocks import Words, capitalised, effect, joint, listed, pose, spans
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.law_readings import law_readings
 from calib.screening.curves.law_search import FoundLaws
@@ -65,8 +65,7 @@ def _adequate(diagnosis: Diagnosis) -> Words:
             "noise, and ", _nothing_else(diagnosis), ".",
         )  # fmt: skip
     silent = untestable_names(diagnosis.untestable)
-    more = len(silent) - _SHOWN_UNTESTABLE
-    names = ", ".join(silent[:_SHOWN_UNTESTABLE]) + (f" and {more} more" if more > 0 else "")
+    names = numbers.in_short(silent, _SHOWN_UNTESTABLE)
     covers = f", as far as these data can tell ({names}: not testable)" if names else ""
     return spans(
         "adequate", at_most, f". Nothing in the catalogue is missing beyond noise{covers}, and ",
@@ -169,8 +168,7 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
         case "promise" if diagnosis.held_out is not None and diagnosis.held_out.shows_the_model_wrong:
             return promise(diagnosis.held_out)
         case "promise":
-            far, more = diagnosis.far_test_poses, len(diagnosis.far_test_poses) - _SHOWN_POSES
-            shown = listed([*(pose(name) for name in far[:_SHOWN_POSES]), *([f"{more} more"] if more > 0 else [])])
+            shown = listed(numbers.first_of([pose(name) for name in diagnosis.far_test_poses], _SHOWN_POSES))
             beyond = "test poses are far more off than any training pose that is left out: "
             return spans(beyond, shown, f". {_OTHER_POSES}")
     if refused is not None and refused.why == "nature":
@@ -289,9 +287,7 @@ def _joints(of: Sequence[int]) -> Words:
 
 
 def _inputs(keys: Sequence[str]) -> Words:
-    more = len(keys) - _SHOWN_INPUTS
-    shown: list[Span] = [input_name(key) for key in keys[:_SHOWN_INPUTS]]
-    return listed([*shown, f"{more} more"] if more > 0 else shown)
+    return listed(numbers.first_of([input_name(key) for key in keys], _SHOWN_INPUTS))
 
 
 def fault(found: JointFault) -> Words:

@@ -412,9 +412,8 @@ def _outlying(robust: Calibration) -> str:
     """Clause that names the poses left out by a robust fit, with their errors."""
     errors_mm = robust.outlier_errors_mm
     named = [f"{name} ({numbers.length(off_mm)} off)" for name, off_mm in errors_mm.items()]
-    more = f" and {len(named) - _MOST_OUTLIERS} more" if len(named) > _MOST_OUTLIERS else ""
     poses = "1 pose stands" if len(named) == 1 else f"{len(named)} poses stand"
-    return f"{poses} out of all others, {', '.join(named[:_MOST_OUTLIERS])}{more}"
+    return f"{poses} out of all others, {numbers.in_short(named, _MOST_OUTLIERS)}"
 
 
 # ---- errors ---------------------------------------------------------------------------------------------------------

@@ -76,9 +76,8 @@ def preview(dataset: Dataset) -> str:
     targets = len(np.unique(points.target))
     of_targets = f" of {targets} targets" if targets > 1 else ""
     without = [poses.ids[i] for i in np.setdiff1d(np.arange(len(poses)), points.pose)]
-    more = [f"{len(without) - _MOST_NAMED} more"] if len(without) > _MOST_NAMED else []
     have = "have" if len(without) > 1 else "has"
-    missing = f"; {numbers.listing([*without[:_MOST_NAMED], *more])} {have} no point" if without else ""
+    missing = f"; {numbers.listing(numbers.first_of(without, _MOST_NAMED))} {have} no point" if without else ""
     return f"{counts}, {numbers.count(len(points), 'point')}{of_targets}{missing}."
 
 

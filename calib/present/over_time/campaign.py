@@ -56,9 +56,8 @@ def unknown_sentences(unknown: Sequence[UnknownName]) -> list[str]:
     sentences = []
     for file in dict.fromkeys(name.file for name in unknown):
         here = [name for name in unknown if name.file == file]
-        told = [f"{n.name} (much like {n.near})" if n.near else n.name for n in here[:_NAMES]]
-        told += [f"{len(here) - _NAMES} more"] if len(here) > _NAMES else []
-        names, one = numbers.listing(told), len(here) == 1
+        told = [f"{n.name} (much like {n.near})" if n.near else n.name for n in here]
+        names, one = numbers.listing(numbers.first_of(told, _NAMES)), len(here) == 1
         if file:
             sentences.append(f"{file} has {names}, which poses.csv does not (yet)")
         else:

@@ -20,6 +20,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
+from calib.rendering import numbers
 
 NUMBER = re.compile(r"[+-]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 LARGEST = 1e7  # mm, m, rad or deg: no coordinate and no joint value of any arm is beyond
@@ -338,7 +339,7 @@ def external_axes(lines: Sequence[int]) -> tuple[str, ...]:
     """Note on targets, by their lines, whose external axes do not stand at 0; () where there are none."""
     if not lines:
         return ()
-    where = f"line {lines[0]}" + (f" and {len(lines) - 1} more" if len(lines) > 1 else "")
+    where = f"line {numbers.in_short(lines, 1)}"
     return (f"external axes move ({where}): the arm's base is taken to stand, which is wrong where they carry it",)
 
 

@@ -14,10 +14,12 @@ import numpy as np
 from calib.array_types import Array
 from calib.frames import apply, make_transform, rotation_from_rotvec
 from calib.kinematics.robot import Vector
+from calib.rendering import numbers
 from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
 from calib.robot_formats.urdf.safe_xml import XmlFile
 from calib.robot_formats.urdf.tree import UrdfJoint, UrdfTree
 
+_MOST_LISTED = 30  # names of links in a message
 _LEAST_MULTIPLIER, _LARGEST_MULTIPLIER = 1e-3, 1e3  # of a multiplier; robot.toml takes a matrix that has an inverse
 
 
@@ -208,9 +210,8 @@ def _moving_before(tree: UrdfTree, link: str) -> int:
     return count
 
 
-def _listed(names: list[str], most: int = 30) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more if names else "none"
+def _listed(names: list[str]) -> str:
+    return numbers.in_short(names, _MOST_LISTED) or "none"
 
 
 def _refuse_unserial(arm: ArmPath) -> None:

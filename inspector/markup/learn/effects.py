@@ -105,8 +105,7 @@ def follow_label(advice: Advice) -> str:
 
 def leave_out_label(poses: Sequence[str]) -> str:
     """Label of a button that leaves poses out: "Leave out p33 and p46"."""
-    more = len(poses) - MOST_NAMED
-    return f"Leave out {numbers.listing([*poses[:MOST_NAMED], *([f'{more} more'] if more > 0 else [])])}"
+    return f"Leave out {numbers.listing(numbers.first_of(poses, MOST_NAMED))}"
 
 
 def ranking_html(session: Session, chosen: str) -> str:

@@ -11,6 +11,7 @@ from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
 from calib.dataset_import.user_files import UNUSED, UserFile
 from calib.present.fit.dataset import first_rows, preview
+from calib.rendering import numbers
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html
 
@@ -44,9 +45,8 @@ def files_html(files: Sequence[UserFile], folder: Path) -> str:
         rows.append((f"{len(scans)} files as {_name(scans[0], folder)}", "scans", "a point cloud a pose"))
     html = elements.table(("File", "is", "seen by"), rows, left=3) if rows else ""
     if unused:
-        names = ", ".join(f"{_name(file, folder)} ({file.why})" for file in unused[:_MOST_UNUSED])
-        more = f" and {len(unused) - _MOST_UNUSED} more" if len(unused) > _MOST_UNUSED else ""
-        html += elements.note(f"Not used: {names}{more}.")
+        names = [f"{_name(file, folder)} ({file.why})" for file in unused]
+        html += elements.note(f"Not used: {numbers.in_short(names, _MOST_UNUSED)}.")
     return html
 
 
