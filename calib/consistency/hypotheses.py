@@ -12,14 +12,14 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.consistency.agreement import Sample, misfit_columns, with_entries_fitted
 from calib.consistency.joint_reading import JointReading
+from calib.consistency.known_tables import KnownTables
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot
 from calib.options import BUILTIN_ROBOTS
+from calib.plugins import contributions, load
 from calib.rendering import numbers
-from calib.robot_formats.chain.five_parameters import robot_of
-from calib.robot_formats.ur_calibration import MODELS, chain_of_standard, nominal_rows
 
 JOINT_SIGN, JOINT_ORDER, JOINT_ZERO = "joint_sign", "joint_order", "joint_zero"
 UNITS, ROBOT_TABLE, ROW_ORDER = "units", "robot_table", "row_order"
@@ -311,11 +311,6 @@ def of_other_lengths(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
 
 @cache
 def known_tables() -> tuple[tuple[str, Robot], ...]:
-    """Robots, by name, whose tables come with the package."""
-    names: dict[tuple[float, ...], list[str]] = {}
-    for model, lengths in MODELS.items():
-        names.setdefault(lengths, []).append(f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}")
-    universal = [
-        (" or ".join(named), robot_of(chain_of_standard(nominal_rows(named[0]), named[0]))) for named in names.values()
-    ]
-    return (*universal, *((builtin_robot(name).name, builtin_robot(name)) for name in BUILTIN_ROBOTS))
+    """Robots, by name, whose tables come with the package and its plug-ins."""
+    further = [robot for tables in contributions(KnownTables) for robot in load(tables.robots)()]
+    return (*further, *((builtin_robot(name).name, builtin_robot(name)) for name in BUILTIN_ROBOTS))

@@ -13,6 +13,7 @@ from calib.dataset_import.sources import ImportSource
 from calib.errors import CalibError
 from calib.plugins import contributions, load
 from calib.robot_formats.origin_yaml import read_origin_yaml
+from calib.robot_formats.robot_form import forms_of, rank_of
 from calib.text_files.records import RECORDS, SPREADSHEETS, sheets
 from calib.text_files.text_file import decoded
 from calib.text_files.user_table import UserTable, load_table, parse_table, plain, split_unit
@@ -24,7 +25,6 @@ _CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npy", ".npz", ".las
 _MESHES = (".stl", ".obj")  # scans where nothing else can be
 _MANY = 4  # texts of three numbers a line in one folder, which are scans then
 _ROBOT_COLUMNS = ({"theta", "d", "a", "alpha"}, {"wx", "wy", "wz"}, {"x", "y", "z", "roll", "pitch", "yaw"})
-_ORDER = (".toml", ".urdf", ".xacro", ".xml", ".conf", ".csv", ".yaml", ".yml")  # of robots, the surest first
 DATASET, ROBOT, JOINTS, POINTS, BOTH, SCAN, UNUSED = (
     "dataset", "robot", "joints", "points", "joints and points", "scan", "not used",
 )  # fmt: skip
@@ -59,7 +59,7 @@ class UserFiles:
     @property
     def robots(self) -> tuple[Path, ...]:
         """Paths of robot files, the surest form first."""
-        return tuple(sorted(self.of(ROBOT), key=lambda path: (_ORDER.index(path.suffix.lower()), str(path))))
+        return tuple(sorted(self.of(ROBOT), key=lambda path: (rank_of(path), str(path))))
 
     @property
     def tables(self) -> tuple[Path, ...]:
@@ -138,7 +138,7 @@ def _owned_folders(paths: Sequence[Path]) -> set[Path]:
 def _stands_alone(path: Path) -> bool:
     """Whether a file below a source's folder is no part of it: a robot or a table beside the source's own files."""
     marks = {mark for source in contributions(ImportSource) for mark in source.folder_marks}
-    return path.suffix.lower() in (*_ORDER, *_TABLES) and path.name not in marks
+    return bool(forms_of(path) or path.suffix.lower() in _TABLES) and path.name not in marks
 
 
 def _judged(path: Path) -> UserFile:
@@ -147,20 +147,6 @@ def _judged(path: Path) -> UserFile:
             found: UserFile = load(source.judged)(path)
             return found
     suffix = path.suffix.lower()
-    if suffix in (".urdf", ".xacro"):
-        return UserFile(path, ROBOT, f"by its suffix {suffix}")
-    if suffix == ".conf":
-        return UserFile(path, ROBOT, "a controller's calibration.conf")
-    if suffix in (".xml", ".toml"):
-        head = _head(path)
-        for mark, words in (
-            ("<robot", "a URDF"),
-            ("<mujoco", "a MuJoCo model"),
-            ("[[joints]]", "a robot.toml"),
-        ):
-            if mark in head:
-                return UserFile(path, ROBOT, words)
-        return UserFile(path, UNUSED, "holds no robot")
     if suffix in (".yaml", ".yml"):
         try:
             read_origin_yaml(path)
@@ -169,6 +155,11 @@ def _judged(path: Path) -> UserFile:
         return UserFile(path, ROBOT, "joint origins")
     if suffix in _TABLES:
         return _judged_text(path)
+    forms = forms_of(path)
+    if forms:
+        head = _head(path) if any(form.mark for form in forms) else ""
+        shown = next((form for form in forms if form.mark in head), None)
+        return UserFile(path, UNUSED, "holds no robot") if shown is None else UserFile(path, ROBOT, shown.told_by)
     if suffix in (*_CLOUDS, *_MESHES):
         return UserFile(path, SCAN, "a point cloud")
     if suffix == ".numbers":

@@ -19,14 +19,7 @@ from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.origin import PROGRAM, program_version
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.kinematics.robot import Robot
-from calib.robot_formats.calibrated_file import (
-    CONF_SUFFIXES,
-    YAML_SUFFIXES,
-    CalibratedFile,
-    calibrated_conf,
-    calibrated_urdf,
-    calibrated_yaml,
-)
+from calib.robot_formats.calibrated_file import CalibratedFile, in_template
 from calib.robot_formats.robots import robot_content
 
 
@@ -82,7 +75,7 @@ class ExportedTable(Brief):
         if names:
             notes.append(f"no origin holds {names}; these are the origins that are best without: {self.comment}")
             comment += f"; without {names}, which no origin holds"
-        return _in_template(template, self.robot, dataset.robot, comment).with_notes(notes)
+        return in_template(template, self.robot, dataset.robot, comment).with_notes(notes)
 
     def save(self, path: str | Path, template: str | Path | None = None) -> None:
         """Write the robot as .toml, .urdf or .yaml; a template is the user's own file, whose origins are replaced."""
@@ -128,12 +121,4 @@ def _errors(evaluation: Evaluation) -> str:
 
 def require_template_of(template: Path, robot: Robot) -> None:
     """Raise RobotFileError where a template file cannot be read or describes another arm."""
-    _in_template(template, robot, robot, "")
-
-
-def _in_template(template: Path, calibrated: Robot, nominal: Robot, comment: str) -> CalibratedFile:
-    if template.suffix.lower() in YAML_SUFFIXES:
-        return calibrated_yaml(template, calibrated, nominal)
-    if template.suffix.lower() in CONF_SUFFIXES:
-        return calibrated_conf(template, calibrated, nominal)
-    return calibrated_urdf(template, calibrated, nominal, comment=comment)
+    in_template(template, robot, robot)

@@ -10,16 +10,15 @@ import numpy as np
 
 from calib.frames import invert, rotvec_from_rotation
 from calib.kinematics.robot import Robot
+from calib.plugins import load
 from calib.robot_formats.chain.calibrated_origins import CalibratedChain, with_calibration
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
 from calib.robot_formats.origin_yaml import OriginYaml, chain_of_yaml, read_origin_yaml, with_yaml_origins
 from calib.robot_formats.robot_file import read_arm, source_links
-from calib.robot_formats.ur_calibration import MODELS, nominal_rows, read_ur_calibration, table_of_chain, with_deltas
+from calib.robot_formats.robot_form import forms_of, template_suffixes
 from calib.robot_formats.urdf.chain import chain_of_arm
 from calib.robot_formats.urdf.text import TOOL_POINT_LINK, with_origins
 
-URDF_SUFFIXES, YAML_SUFFIXES, CONF_SUFFIXES = (".urdf",), (".yaml", ".yml"), (".conf",)
-TEMPLATE_SUFFIXES = (*URDF_SUFFIXES, *YAML_SUFFIXES, *CONF_SUFFIXES)
 _KEPT = "robot_source"  # stem of the user's own robot file in an imported dataset
 _LOST_MM, _LOST_RAD = 1e-6, 1e-9
 
@@ -29,9 +28,13 @@ def template_name(path: Path) -> str:
     return f"{_KEPT}{path.suffix.lower()}"
 
 
-def kept_template(folder: Path | None, suffixes: Sequence[str] = TEMPLATE_SUFFIXES) -> Path | None:
-    """The user's robot file that was kept in the dataset's folder at its import; None where there is none."""
-    paths = [] if folder is None else [folder / f"{_KEPT}{suffix}" for suffix in suffixes]
+def kept_template(folder: Path | None, suffixes: Sequence[str] | None = None) -> Path | None:
+    """The user's robot file that was kept in the dataset's folder at its import; None where there is none.
+
+    `suffixes`: those that are looked for; None: of all files that can be written again with calibrated numbers.
+    """
+    wanted = template_suffixes() if suffixes is None else suffixes
+    paths = [] if folder is None else [folder / f"{_KEPT}{suffix}" for suffix in wanted]
     return next((path for path in paths if path.is_file()), None)
 
 
@@ -54,13 +57,22 @@ class CalibratedFile:
         return replace(self, notes=(*self.notes, *notes))
 
 
+def in_template(template: Path, calibrated: Robot, nominal: Robot | None = None, comment: str = "") -> CalibratedFile:
+    """The user's own file of this arm, in any form that has such templates, with the calibrated robot's numbers.
+
+    `comment` is for forms that have a place for one; other arguments as of `calibrated_urdf`. Raises RobotFileError.
+    """
+    writer = next((form.in_template for form in forms_of(template) if form.in_template), "")
+    if not writer:
+        raise RobotFileError(f"{template}: is no template; expected {' or '.join(template_suffixes())}")
+    made: CalibratedFile = load(writer)(template, calibrated, nominal, comment)
+    return made
+
+
 def calibrated_urdf(
     template: Path,
     calibrated: Robot,
     nominal: Robot | None = None,
-    *,
-    tip: str | None = None,
-    base: str | None = None,
     comment: str = "",
 ) -> CalibratedFile:
     """Template URDF with the origins of the calibrated robot, every other byte unchanged.
@@ -69,8 +81,8 @@ def calibrated_urdf(
     made from it. Tip and base: from robot.toml, else the only ones in the template.
     Raises RobotFileError where the template is not of this arm.
     """
-    known_tip, known_base = source_links(calibrated)
-    arm = read_arm(template, tip=tip or known_tip, base=base or known_base)
+    tip, base = source_links(calibrated)
+    arm = read_arm(template, tip=tip, base=base)
     chain = chain_of_arm(arm)
     found = with_calibration(chain, nominal, calibrated)
     text = with_origins(arm, found.chain, comment)
@@ -86,47 +98,19 @@ def calibrated_urdf(
     return CalibratedFile(text.content, text.changed, tuple(notes))
 
 
-def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = None) -> CalibratedFile:
-    """A maker's kinematics file with calibrated numbers, all else unchanged; arguments as of `calibrated_urdf`."""
+def calibrated_yaml(
+    template: Path, calibrated: Robot, nominal: Robot | None = None, comment: str = ""
+) -> CalibratedFile:
+    """A maker's kinematics file with calibrated numbers, all else unchanged, so that it gets no comment.
+
+    Arguments as of `calibrated_urdf`.
+    """
     origins = read_origin_yaml(template)
     chain = chain_of_yaml(origins)
     holds_tip = origins.flange is not None
     found = with_calibration(chain, nominal, calibrated, holds_tip=holds_tip)
     text, changed = with_yaml_origins(origins, found.chain)
     return CalibratedFile(text.encode(), changed, _not_in_yaml(origins, chain, found))
-
-
-def calibrated_conf(template: Path, calibrated: Robot, nominal: Robot | None = None) -> CalibratedFile:
-    """A UR controller's calibration.conf with calibrated corrections, all else unchanged.
-
-    The arm's model is the one with which the file has the axes of the nominal robot. Arguments as of `calibrated_urdf`.
-    Raises RobotFileError where there is none.
-    """
-    failed: RobotFileError | None = None
-    for model in MODELS:
-        try:
-            _, chain = read_ur_calibration(template, model)
-            found = with_calibration(chain, nominal, calibrated)
-        except RobotFileError as error:
-            failed = failed or error
-            continue
-        table = table_of_chain(found.chain, nominal_rows(model))
-        text, changed = with_deltas(template.read_bytes().decode("utf-8-sig"), table, model)
-        notes = ["a controller takes the file back only as its maker says; keep the one that it had"]
-        if not found.tip_known:
-            notes.append("the tool is no part of a calibration.conf")
-        if table.lost_mm >= _LOST_MM or table.lost_rad >= _LOST_RAD:
-            notes.append(
-                f"the calibrated flange is {table.lost_mm:.3g} mm off the last axis and tilted by "
-                f"{np.degrees(table.lost_rad):.3g} deg, for which the controller has no number: it is lost"
-            )
-        if found.chain.tool_point_mm is not None:
-            notes.append("the measured point is no part of a calibration.conf")
-        return CalibratedFile(text.encode(), changed, tuple(notes))
-    raise RobotFileError(
-        f"{template}: read as of none of {', '.join(MODELS)} has it the axes of robot.toml; give the calibration.conf "
-        f"from which that was imported ({failed})"
-    )
 
 
 def _not_in_yaml(origins: OriginYaml, chain: SerialChain, found: CalibratedChain) -> tuple[str, ...]:

@@ -10,10 +10,10 @@ import numpy as np
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
-from calib.robot_formats.calibrated_file import TEMPLATE_SUFFIXES
 from calib.robot_formats.chain.five_parameters import robot_of, row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
 from calib.robot_formats.robot_file import ReadOptions, RobotFile, named_robot
+from calib.robot_formats.robot_form import template_suffixes
 from calib.robot_formats.tables import CONVENTIONS
 from calib.text_files.user_table import load_table, plain, split_unit
 
@@ -43,7 +43,7 @@ def robot_readings(name: str, reading: ReadOptions) -> list[RobotReading]:
         return _readings_of_table(path, reading)
     found = named_robot(name, reading)
     other = as_modified(found.robot) if path.suffix.lower() == ".toml" else None
-    own = path if path.suffix.lower() in TEMPLATE_SUFFIXES and path.is_file() else None
+    own = path if path.suffix.lower() in template_suffixes() and path.is_file() else None
     readings = [RobotReading("standard" if other is not None else "", found, path=own)]
     if other is not None:
         weighed = any(joint.mass_kg or joint.com_mm for joint in found.robot.joints)

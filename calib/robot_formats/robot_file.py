@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,24 +14,23 @@ from calib.frames import invert
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
+from calib.plugins import load
 from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, chain_frames
-from calib.robot_formats.mjcf import chain_of_mjcf
 from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml
+from calib.robot_formats.robot_form import RobotForm, forms_of, known_suffixes
 from calib.robot_formats.tables import chain_of_table
-from calib.robot_formats.ur_calibration import read_ur_calibration
 from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm, tip_links
 from calib.robot_formats.urdf.meshes import MeshFile, Packages, link_meshes
 from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
 from calib.robot_formats.urdf.tree import read_tree
-from calib.robot_formats.urdf.xacro import Xacro, expanded_xacro
 
 SOURCE = "source"  # the table of robot.toml that says which file and links it was made of
-SUFFIXES = (".toml", ".urdf", ".xml", ".yaml", ".yml", ".conf", ".csv", ".xacro")
 _GONE = {  # forms that are not read, with what to give instead
     ".sdf": "SDF is not read; give the arm's URDF",
     ".srdf": "an SRDF is not read; give the arm's URDF, and the links of the group as --base and --tip",
 }
+_OF_PLUGINS = ".xacro, .conf of a UR and .xml of MuJoCo are read where the extra robot_forms is"
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,17 @@ class RobotFile:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options for what a robot's file does not define: tip, base, convention, model, xacro arguments."""
+    """Options for what a robot's file does not define: tip, base, convention, model, a xacro's arguments."""
 
     tip: str | None = None  # link, body or site
     base: str | None = None
     convention: str | None = None  # of a table of theta, d, a, alpha: "standard" or "modified"
     model: str | None = None  # of a UR controller's calibration.conf
-    xacro: Xacro | None = None  # None: a xacro is refused, as it computes and reads other files
+    xacro_args: Mapping[str, str] | None = None  # None: a xacro, which is a program, is not run
     packages: Packages | None = None  # folders of ROS packages with meshes; None: none is looked for
+
+
+_FORM_OPTIONS = ("tip", "base", "convention", "model")  # which a form uses, or else refuses
 
 
 def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotFile:
@@ -75,38 +78,57 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
     Raises CalibError in one line that names the file, the line or key, and a remedy.
     """
     path = Path(path)
+    form = _form_of(path)
+    for option in _FORM_OPTIONS:
+        if getattr(reading, option) is not None and option not in form.options:
+            raise RobotFileError(f"{path}: --{option} says nothing about a {path.suffix.lower()}; leave it out")
+    read: RobotFile = load(form.reader)(path, reading)
+    return read
+
+
+def _form_of(path: Path) -> RobotForm:
+    """Form of a file, by its suffix and, where forms share that, by the root element. Raises RobotFileError."""
     suffix = path.suffix.lower()
     if suffix in _GONE:
         raise RobotFileError(f"{path}: {_GONE[suffix]}")
-    if suffix not in SUFFIXES:
-        found = suffix or "no suffix"
-        raise RobotFileError(f"{path}: {found} is no form of a robot; expected {', '.join(SUFFIXES)}")
-    _refuse_unused(path, suffix, reading)
-    if suffix == ".toml":
-        robot = load_robot_toml(path)
-        refuse_beyond(robot, path)
-        return RobotFile(robot, None)
-    if suffix == ".conf":
-        robot, chain = read_ur_calibration(path, reading.model)
-        return _with_source(robot, chain, path)
-    if suffix == ".csv":
-        chain = chain_of_table(path, reading.convention)
-    elif suffix in (".yaml", ".yml"):
-        chain = chain_of_yaml(read_origin_yaml(path))
-    else:
-        file = read_xml(path, reading.xacro)
-        if file.root.tag == "mujoco":
-            chain = chain_of_mjcf(file, reading.tip, reading.base)
-        else:
-            return _of_arm(find_arm(read_tree(file), reading.tip, reading.base), path, reading.packages)
-    return _with_source(robot_of(chain), chain, path)
+    forms = forms_of(path)
+    if not forms:
+        found, known = suffix or "no suffix", ", ".join(known_suffixes())
+        raise RobotFileError(f"{path}: {found} is no form of a robot; expected {known} ({_OF_PLUGINS})")
+    if len(forms) == 1:
+        return forms[0]
+    root = f"<{read_xml(path).root.tag}"
+    return next((form for form in forms if form.mark == root), forms[0])
 
 
-def _of_arm(arm: ArmPath, path: Path, packages: Packages | None) -> RobotFile:
-    """Robot of a tree of links, with its meshes in the frames of robot.toml."""
+def read_toml(path: Path, reading: ReadOptions) -> RobotFile:
+    """Robot of a robot.toml. Raises CalibError."""
+    robot = load_robot_toml(path)
+    refuse_beyond(robot, path)
+    return RobotFile(robot, None)
+
+
+def read_table(path: Path, reading: ReadOptions) -> RobotFile:
+    """Robot of a table, by its columns. Raises CalibError."""
+    return of_chain(chain_of_table(path, reading.convention), path)
+
+
+def read_origins(path: Path, reading: ReadOptions) -> RobotFile:
+    """Robot of a maker's YAML of joint origins. Raises CalibError."""
+    return of_chain(chain_of_yaml(read_origin_yaml(path)), path)
+
+
+def read_urdf(path: Path, reading: ReadOptions) -> RobotFile:
+    """Robot of a URDF, with its meshes. Raises CalibError."""
+    return of_urdf(read_xml(path), path, reading)
+
+
+def of_urdf(file: XmlFile, path: Path, reading: ReadOptions) -> RobotFile:
+    """Robot of a parsed URDF that came from a file, with its meshes in the frames of robot.toml. Raises CalibError."""
+    arm = find_arm(read_tree(file), reading.tip, reading.base)
     chain = chain_of_arm(arm)
-    read = _with_source(robot_of(chain), chain, path)
-    found = link_meshes(arm, packages)
+    read = of_chain(chain, path)
+    found = link_meshes(arm, reading.packages)
     in_table = invert(frames_at_zero(read.robot)[1:-1]) @ chain.at_zero[:-1]
     meshes = tuple(
         tuple(replace(one, link_T_mesh=place @ one.link_T_mesh) for one in files)
@@ -116,13 +138,14 @@ def _of_arm(arm: ArmPath, path: Path, packages: Packages | None) -> RobotFile:
 
 
 def tips_of(path: Path) -> tuple[str, ...]:
-    """Possible tip links of a URDF, the tip of the longest arm first; () for other formats. Raises CalibError."""
-    if path.suffix.lower() not in (".urdf", ".xml", ".xacro"):
-        return ()
-    file = read_xml(path)
-    if file.root.tag == "mujoco":
-        return ()
-    return tuple(tip_links(read_tree(file)))
+    """Possible tip links of a file's arm, the tip of the longest arm first; () without a choice. Raises CalibError."""
+    form = _form_of(path)
+    return load(form.tips)(path) if form.tips else ()
+
+
+def urdf_tips(path: Path) -> tuple[str, ...]:
+    """Possible tip links of a URDF, the tip of the longest arm first. Raises CalibError."""
+    return tuple(tip_links(read_tree(read_xml(path))))
 
 
 def named_robot(name: str, reading: ReadOptions = ReadOptions()) -> RobotFile:
@@ -132,10 +155,8 @@ def named_robot(name: str, reading: ReadOptions = ReadOptions()) -> RobotFile:
     return read_robot(Path(name), reading)
 
 
-def read_xml(path: Path, xacro: Xacro | None = None) -> XmlFile:
-    """Parsed XML file, a .xacro expanded where that is allowed. Raises CalibError."""
-    if xacro is not None and path.suffix.lower() == ".xacro":
-        return expanded_xacro(path, xacro)
+def read_xml(path: Path) -> XmlFile:
+    """Parsed XML file. Raises CalibError."""
     return parse_xml(path, read_bytes(path))
 
 
@@ -161,7 +182,12 @@ def conversion_error_mm(robot: Robot, chain: SerialChain) -> float:
     return float(np.linalg.norm(mine[:, :3, 3] - chain_frames(chain, q)[:, -1, :3, 3], axis=1).max())
 
 
-def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
+def of_chain(chain: SerialChain, path: Path, robot: Robot | None = None) -> RobotFile:
+    """Robot of a file's chain, by default with the table made of it; it keeps the names of the file and its links.
+
+    Raises RobotFileError for names with hidden characters and for numbers beyond any robot's.
+    """
+    robot = robot_of(chain) if robot is None else robot
     for name in (robot.name, chain.base, chain.tip, *(joint.name for joint in robot.joints)):
         if name and not is_one_line(name):
             raise RobotFileError(f"{path}: holds the name {name[:60]!r}; a name has no hidden characters, rename it")
@@ -169,16 +195,3 @@ def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
     robot = replace(robot, extra={SOURCE: source})
     refuse_beyond(robot, path)
     return RobotFile(robot, chain, chain.notes)
-
-
-def _refuse_unused(path: Path, suffix: str, reading: ReadOptions) -> None:
-    """Raise RobotFileError for an option that the file's format does not use."""
-    has_links = suffix in (".urdf", ".xml", ".xacro")
-    for option, value, used in (
-        ("--tip", reading.tip, has_links),
-        ("--base", reading.base, has_links),
-        ("--convention", reading.convention, suffix == ".csv"),
-        ("--model", reading.model, suffix == ".conf"),
-    ):
-        if value is not None and not used:
-            raise RobotFileError(f"{path}: {option} says nothing about a {suffix}; leave it out")

@@ -9,14 +9,15 @@ from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
-from calib.robot_formats.calibrated_file import calibrated_urdf, calibrated_yaml
+from calib.plugins import load
+from calib.robot_formats.calibrated_file import in_template
 from calib.robot_formats.chain.five_parameters import chain_of
-from calib.robot_formats.mjcf_text import plain_mjcf
 from calib.robot_formats.origin_yaml import plain_yaml
 from calib.robot_formats.robot_file import ReadOptions, named_robot
+from calib.robot_formats.robot_form import forms_of, robot_forms, written_suffixes
 from calib.robot_formats.urdf.text import plain_urdf
 
-WRITTEN_SUFFIXES = (".toml", ".urdf", ".yaml", ".yml", ".xml")
+RobotContent = tuple[bytes, tuple[str, ...]]  # of a robot's file, and notes on what it cannot hold
 
 
 def load_robot(
@@ -82,41 +83,55 @@ def save_robot(robot: Robot | str | Path, path: str | Path, template: str | Path
     return notes
 
 
-def robot_content(robot: Robot, path: Path, template: Path | None = None) -> tuple[bytes, tuple[str, ...]]:
-    """The bytes of a robot's file of this name, and notes on what it cannot hold (see `save_robot`)."""
+def require_written(path: Path, template: Path | None = None) -> None:
+    """Raise CalibError for the name of a robot's file that is not written, or not made of such a template."""
+    written = written_suffixes()
     suffix = path.suffix.lower()
-    if suffix not in WRITTEN_SUFFIXES:
-        raise CalibError(f"{path}: expected a name that ends in {' or '.join(WRITTEN_SUFFIXES)}")
-    if template is not None and (template.suffix.lower() != suffix or suffix not in (".urdf", ".yaml", ".yml")):
-        raise CalibError(f"{template}: is of another form than {path}; only a .urdf or .yaml is made of a template")
-    if suffix == ".toml":
-        return robot_to_toml(robot).encode(), ()
-    is_urdf = suffix == ".urdf"
+    if suffix not in written:
+        raise CalibError(f"{path}: expected a name that ends in {' or '.join(written)}")
+    made = [form for form in robot_forms() if form.writer and form.in_template]
+    if template is not None and (
+        template.suffix.lower() != suffix or not any(suffix in form.suffixes for form in made)
+    ):
+        possible = " or ".join(form.suffixes[0] for form in made)
+        raise CalibError(f"{template}: is of another form than {path}; only a {possible} is made of one")
+
+
+def robot_content(robot: Robot, path: Path, template: Path | None = None) -> RobotContent:
+    """The bytes of a robot's file of this name, and notes on what it cannot hold (see `save_robot`)."""
+    require_written(path, template)
     if template is not None:
-        written = (calibrated_urdf if is_urdf else calibrated_yaml)(template, robot)
-        return written.content, tuple(written.summary.split("\n"))
-    chain = chain_of(robot)
-    if suffix == ".xml":
-        return plain_mjcf(chain).encode(), tuple(f"note: {note}" for note in _not_in_model(robot))
-    if not is_urdf:
-        note = "note: a maker's description has other frames; give its own file as --template"
-        return plain_yaml(chain).encode(), (note,)
-    return plain_urdf(chain).encode(), tuple(f"note: {note}" for note in _not_in_urdf(robot))
+        made = in_template(template, robot)
+        return made.content, tuple(made.summary.split("\n"))
+    writer = next(form.writer for form in forms_of(path) if form.writer)
+    content: RobotContent = load(writer)(robot)
+    return content
 
 
-def _not_in_urdf(robot: Robot) -> list[str]:
-    """Properties of a robot that a plain URDF does not hold."""
+def toml_content(robot: Robot) -> RobotContent:
+    """The bytes of robot.toml, which holds all of a robot."""
+    return robot_to_toml(robot).encode(), ()
+
+
+def urdf_content(robot: Robot) -> RobotContent:
+    """The bytes of a plain URDF, and notes on what it cannot hold. Raises RobotFileError."""
     x, y, z = robot.gravity_m_s2
     leans = bool(x or y or z > 0.0)
-    said = ["the base does not stand upright: it hangs on a link world, whose z axis points up"] if leans else []
-    return [*said, *_not_in_model(robot)]
+    said = ["note: the base does not stand upright: it hangs on a link world, whose z axis points up"] if leans else []
+    return plain_urdf(chain_of(robot)).encode(), (*said, *not_in_model(robot))
 
 
-def _not_in_model(robot: Robot) -> list[str]:
-    """Properties of a robot that no description of links and joints holds."""
+def yaml_content(robot: Robot) -> RobotContent:
+    """The bytes of a kinematics YAML, with a note on its frames. Raises RobotFileError."""
+    note = "note: a maker's description has other frames; give its own file as --template"
+    return plain_yaml(chain_of(robot)).encode(), (note,)
+
+
+def not_in_model(robot: Robot) -> tuple[str, ...]:
+    """Notes on properties of a robot that no description of links and joints holds."""
     notes = []
     if any(target is not robot.own_tool_point for target in robot.targets):
-        notes.append("further targets are left out")
+        notes.append("note: further targets are left out")
     if any(joint.mass_kg for joint in robot.joints):
-        notes.append("the inertias in it are placeholders, as robot.toml has masses only")
-    return notes
+        notes.append("note: the inertias in it are placeholders, as robot.toml has masses only")
+    return tuple(notes)

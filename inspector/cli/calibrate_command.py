@@ -35,13 +35,8 @@ from calib.present.fit.calibration import (
 )
 from calib.present.over_time.arm_types import pooled_block, pooled_document
 from calib.rendering.text import block_text
-from calib.robot_formats.calibrated_file import (
-    CONF_SUFFIXES,
-    TEMPLATE_SUFFIXES,
-    URDF_SUFFIXES,
-    YAML_SUFFIXES,
-    kept_template,
-)
+from calib.robot_formats.calibrated_file import kept_template
+from calib.robot_formats.robot_form import forms_of, template_suffixes
 from calib.robot_formats.static_transform import StaticTransform, transform_text
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
@@ -53,6 +48,7 @@ from inspector.session.session import Session
 from inspector.session.session_file import session_text
 from inspector.session.transitions import with_steps
 
+_URDF, _YAML = (".urdf",), (".yaml", ".yml")  # suffixes of templates
 SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
 
@@ -207,14 +203,14 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
     Raises CalibError where a file has no template, a template no file, or a template is of another arm.
     """
     wanted = (
-        (options.urdf_out, "--urdf-out", URDF_SUFFIXES),
+        (options.urdf_out, "--urdf-out", _URDF),
         (options.kinematics_out, "--kinematics-out", _kinematics_suffixes(options.kinematics_out)),
     )
     for path in options.template:
-        if path.suffix.lower() not in TEMPLATE_SUFFIXES:
+        if path.suffix.lower() not in template_suffixes():
             raise CalibError(
-                f"--template {path}: a template is a .urdf, .yaml or a UR's .conf; a .xacro computes its origins: "
-                "give --kinematics-out with the YAML of joint origins that it reads, or expand it first"
+                f"--template {path}: a template is a {' or '.join(template_suffixes())}; a .xacro computes its "
+                "origins: give --kinematics-out with the YAML of joint origins that it reads, or expand it first"
             )
     found: dict[Path, Path] = {}
     for out, option, suffixes in wanted:
@@ -232,8 +228,9 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
 
 
 def _kinematics_suffixes(out: Path | None) -> tuple[str, ...]:
-    """Suffixes of the template of a kinematics file: of a UR controller's, or of a YAML of joint origins."""
-    return CONF_SUFFIXES if out is not None and out.suffix.lower() in CONF_SUFFIXES else YAML_SUFFIXES
+    """Suffixes of the template of a kinematics file: its own form's where that has templates, else a YAML's."""
+    forms = () if out is None else forms_of(out)
+    return next((form.suffixes for form in forms if form.in_template and form.suffixes != _URDF), _YAML)
 
 
 def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:

@@ -13,7 +13,7 @@ import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.consistency.data_problem import DataProblem, suspicions
-from calib.consistency.hypotheses import column_names, known_tables, of_reading
+from calib.consistency.hypotheses import column_names, of_reading
 from calib.consistency.joint_reading import simple_readings
 from calib.consistency.row_matching import matched_rows
 from calib.dataset.dataset import Dataset
@@ -56,7 +56,6 @@ ARMS = {
         Tool(60.0, 0.0, 50.0, 0.0, 0.0),
     ),
 }
-TABLES = dict(known_tables())
 
 
 def simulated(arm: str, seed: int = 0, *, poses: int = 40, effect: tuple[str, float] | None = None) -> Dataset:
@@ -178,22 +177,6 @@ def test_angles_in_another_unit_are_told() -> None:
     given = simulated("rb5")
     found = problem_of(with_joints(given, np.radians(given.poses.q)))
     assert (found.kind, "in radians" in found.warning) == ("units", True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("true", "given"),
-    sweep(
-        [("UR5", "UR5e or UR7e"), ("UR5", "UR10"), ("UR16e", "UR10e or UR12e"), ("UR3e", "UR5e or UR7e")],
-        every_run=[("UR5", "UR5e or UR7e"), ("UR16e", "UR10e or UR12e")],
-    ),
-)
-def test_a_sister_types_table_is_told_by_its_name(true: str, given: str) -> None:
-    data = simulate_dataset(TABLES[true], rng=np.random.default_rng(2), poses=40).dataset
-    found = problem_of(replace(data, robot=TABLES[given]))
-    assert found.kind == "robot_table"
-    assert f"the links are those of a {true}, not those of robot.toml" in found.warning
-    assert found.then_mm < 0.5 * found.now_mm
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ POINTS = "pose,x,y,z\n1,100,200,300\n"
 FILES = {
     "arm.urdf": "<robot name='a'/>",
     "package.xml": "<package/>",
-    "model.xml": "<mujoco/>",
+    "model.xml": "<robot/>",
     "robot.toml": "[[joints]]\na_mm = 1.0\n",
     "notes.toml": "a = 1\n",
     "config.yaml": "a: 1\n",

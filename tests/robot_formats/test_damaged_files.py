@@ -14,19 +14,16 @@ from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import import_dataset
 from calib.errors import CalibError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
-from calib.robot_formats.urdf.xacro import Xacro
 from inspector.cli.parser import main
 from tests.support.chains import shoulder_arm
 from tests.support.robot_mutations import mutated
-from tests.support.robot_texts import FRANKA, MJCF, UR10_CONF, UR_YAML
+from tests.support.robot_texts import FRANKA, UR_YAML
 from tests.support.sweeps import sweep
 
 FILES = {
     "arm.urdf": (shoulder_arm(), ReadOptions(tip="tool0")),
     "arm.yaml": (UR_YAML, ReadOptions()),
-    "arm.conf": (UR10_CONF, ReadOptions(model="ur10")),
     "arm.csv": (FRANKA, ReadOptions(convention="modified")),
-    "arm.xml": (MJCF, ReadOptions(tip="tcp")),
 }
 COUNTS = sweep([12, 400], every_run=[12])
 
@@ -36,7 +33,7 @@ COUNTS = sweep([12, 400], every_run=[12])
 def test_a_damaged_robot_is_read_or_told_in_one_line(tmp_path: Path, name: str, count: int) -> None:
     text, reading = FILES[name]
     path, rng = tmp_path / name, np.random.default_rng(1)
-    for _ in range(min(count, 60) if name == "arm.xml" else count):  # a process each
+    for _ in range(count):
         content = mutated(text.encode(), rng)
         path.write_bytes(content)
         said = ""
@@ -47,31 +44,6 @@ def test_a_damaged_robot_is_read_or_told_in_one_line(tmp_path: Path, name: str, 
         assert not said or said.startswith(str(path)), said
         assert "\n" not in said
         assert len(said) < 2000
-
-
-@pytest.mark.slow  # a process each
-def test_a_damaged_xacro_is_expanded_or_told_in_one_line(tmp_path: Path) -> None:
-    pytest.importorskip("xacrodoc")
-    text = (
-        '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:property name="d" value="${0.1 + pi}"/>\n'
-        '<xacro:macro name="j" params="n p">\n<link name="l${n}"/><joint name="j${n}" type="continuous"><parent '
-        'link="${p}"/><child link="l${n}"/>\n<origin xyz="${d} 0 0.2"/></joint>\n</xacro:macro>\n<link name="b"/>\n'
-        '<xacro:j n="1" p="b"/><xacro:j n="2" p="l1"/>\n<xacro:if value="${d > 1}"><xacro:j n="3" p="l2"/></xacro:if>\n'
-        "</robot>\n"
-    )
-    path, rng = tmp_path / "arm.xacro", np.random.default_rng(4)
-    path.write_text(text)
-    assert read_robot(path, ReadOptions(xacro=Xacro())).robot.n_joints == 3
-    for _ in range(6):
-        path.write_bytes(mutated(text.encode(), rng))
-        said = ""
-        try:
-            read_robot(path, ReadOptions(xacro=Xacro()))
-        except CalibError as error:
-            said = str(error)
-        assert not said or said.startswith(f"{path}: line "), said
-        assert "\n" not in said
-    assert [each.name for each in tmp_path.iterdir()] == ["arm.xacro"]
 
 
 def comb(links: int) -> str:
@@ -134,7 +106,7 @@ def test_the_command_answers_with_exit_code_2_and_no_traceback(tmp_path: Path) -
     for name, (text, reading) in FILES.items():
         options = [f"--{key}={value}" for key, value in vars(reading).items() if value is not None]
         path = tmp_path / name
-        for _ in range(4 if name == "arm.xml" else 20):  # a process each where MuJoCo reads it
+        for _ in range(20):
             path.write_bytes(mutated(text.encode(), rng))
             said = io.StringIO()
             with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):

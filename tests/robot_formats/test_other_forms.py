@@ -1,4 +1,4 @@
-"""Kinematics YAML, UR calibrations, robot tables and MuJoCo models, each compared with independent code."""
+"""Kinematics YAML and tables of a robot, each compared with independent code."""
 
 from __future__ import annotations
 
@@ -9,99 +9,19 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from calib.effects.gravity import GravityLoads
 from calib.errors import CalibError
-from calib.kinematics.chain import forward
 from calib.kinematics.robot import Base, Robot
 from calib.robot_formats.calibrated_file import calibrated_yaml
-from calib.robot_formats.chain.five_parameters import frames_at_zero
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
-from calib.robot_formats.ur_calibration import MODELS, nominal_rows
 from tests.support.chains import joint, link, urdf_of
-from tests.support.mujoco_arm import mujoco
-from tests.support.robot_texts import DELTAS, FAR_DELTAS, FRANKA, MJCF, UR10_CONF, UR_YAML, conf_of
-from tests.support.standard_dh import exactly
+from tests.support.robot_texts import FRANKA, UR_YAML
+from tests.support.standard_dh import joints_at_random, rot, standard, tips, trans
 
-
-def tips(robot: Robot, q: np.ndarray) -> np.ndarray:
-    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
-
-
-def joints_at_random(count: int, n: int) -> np.ndarray:
-    return np.random.default_rng(0).uniform(-np.pi, np.pi, (count, n))
-
-
-def rot(axis: str, angle: float) -> np.ndarray:
-    out = np.eye(4)
-    out[:3, :3] = Rotation.from_euler(axis, angle).as_matrix()
-    return out
-
-
-def trans(x: float, y: float, z: float) -> np.ndarray:
-    out = np.eye(4)
-    out[:3, 3] = (x, y, z)
-    return out
-
-
-def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Tip transform (4, 4) of a standard Denavit-Hartenberg table with rows theta, a, d, alpha."""
-    out = np.eye(4)
-    for (theta, a, d, alpha), value in zip(rows, q, strict=True):
-        out = out @ rot("z", theta + value) @ trans(a, 0, d) @ rot("x", alpha)
-    return out
-
-
-# ---- UR's controllers -----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("number", [0, 1, 2])
-def test_a_ur_calibration_is_the_controllers_arm_with_small_numbers(tmp_path: Path, number: int) -> None:
-    deltas = [DELTAS, *FAR_DELTAS][number]
-    path = tmp_path / "calibration.conf"
-    path.write_text(conf_of(deltas))
-    found = read_robot(path, ReadOptions(model="ur10"))
-    added = np.column_stack([deltas[f"delta_{key}"] for key in ("theta", "a", "d", "alpha")])
-    rows = nominal_rows("ur10") + added * [1, 1e3, 1e3, 1]
-    q = joints_at_random(1000, 6)
-    theirs = np.array([exactly(rows, values) for values in q])
-    assert np.abs(tips(found.robot, q) - theirs)[:, :3, 3].max() < 1e-9
-    assert np.abs(tips(found.robot, q) - theirs)[:, :3, :3].max() < 1e-12
-    nominal = [standard(nominal_rows("ur10")[:k], np.zeros(k)) for k in range(1, 7)]
-    frames = frames_at_zero(found.robot)[1:-1]
-    assert max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(frames[:5], nominal[:5], strict=True)) < 5.0
-    assert np.abs(found.robot.table[:, [0, 2]]).max() < 700.0
-    assert f"d of {np.abs(rows[:, 2]).max() / 1e3:.4g} m" in found.summary
-    assert found.robot.base == Base()
-
-
-def test_a_ur_calibration_needs_its_arms_model(tmp_path: Path) -> None:
-    path = tmp_path / "calibration.conf"
-    path.write_text(conf_of(FAR_DELTAS[0]))
-    with pytest.raises(RobotFileError, match="give --model, one of ur3, ur5"):
-        read_robot(path)
-    with pytest.raises(RobotFileError, match="--model kuka is not known"):
-        read_robot(path, ReadOptions(model="kuka"))
-    with pytest.raises(RobotFileError, match="read as of a ur5, a joint is 178 mm from its nominal place"):
-        read_robot(path, ReadOptions(model="ur5"))
-    assert len(MODELS) == 11
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("0.00065609212979853, ", "", "line 6: delta_d: found .* a list of six numbers"),
-        ("0.00065609212979853", "nan", "line 6: delta_d"),
-        ("delta_a = ", "delta_b = ", r"section \[mounting\] has no delta_a"),
-        ("delta_alpha", "delta_a", "line 7: delta_a stands there twice"),
-        ("[mounting]", "[mouting]", "has no delta_theta, delta_a, delta_d, delta_alpha"),
-    ],
-)
-def test_a_damaged_calibration_is_told_with_its_line(tmp_path: Path, old: str, new: str, said: str) -> None:
-    path = tmp_path / "calibration.conf"
-    path.write_text(UR10_CONF.replace(old, new, 1))
-    with pytest.raises(RobotFileError, match=said):
-        read_robot(path, ReadOptions(model="ur10"))
+UR10 = np.array([  # theta, a, d, alpha, rad and mm: universal-robots.com
+    (0.0, 0.0, 127.3, np.pi / 2), (0.0, -612.0, 0.0, 0.0), (0.0, -572.3, 0.0, 0.0),
+    (0.0, 0.0, 163.941, np.pi / 2), (0.0, 0.0, 115.7, -np.pi / 2), (0.0, 0.0, 92.2, 0.0),
+])  # fmt: skip
 
 
 # ---- kinematics YAML ------------------------------------------------------------------------------------------------
@@ -202,7 +122,7 @@ def test_a_table_in_the_wrong_convention_is_noticed(tmp_path: Path) -> None:
         read_robot(path, ReadOptions(convention="standard"))
     with pytest.raises(RobotFileError, match=r"give --convention .* by its axes it looks modified"):
         read_robot(path)
-    rows = nominal_rows("ur10")
+    rows = UR10
     lines = ["theta_rad,a_mm,d_mm,alpha_rad", *(",".join(map(repr, map(float, row))) for row in rows)]
     path.write_text("\n".join(lines))
     q = joints_at_random(20, 6)
@@ -323,75 +243,6 @@ def test_a_damaged_table_is_told_with_its_line(tmp_path: Path, text: str, said: 
     path.write_text(text)
     with pytest.raises(Exception, match=said):
         read_robot(path, ReadOptions(convention="modified" if "theta" in text else None))
-
-
-# ---- MuJoCo ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
-    path = tmp_path / "arm.xml"
-    path.write_text(MJCF)
-    robot = read_robot(path, ReadOptions(tip="tcp")).robot
-    assert [(j.name, j.type) for j in robot.joints] == [
-        ("j1", "revolute"),
-        ("j2", "revolute"),
-        ("j3", "prismatic"),
-        ("j4", "revolute"),
-    ]
-    assert robot.joints[0].max == pytest.approx(np.pi / 2)
-    assert robot.joints[2].max == pytest.approx(400.0)
-    model = mujoco().MjModel.from_xml_path(str(path))
-    data = mujoco().MjData(model)
-    q = np.random.default_rng(0).uniform(-1, 1, (50, 4))
-    chain = forward(robot.table, q * [1, 1, 1e3, 1], robot.is_revolute, robot.base_T_first)
-    torques = GravityLoads(robot, chain, None).joint_torques
-    for values, mine, torque in zip(q, chain.base_T_frame[:, -1], torques, strict=True):
-        data.qpos[:] = values
-        mujoco().mj_forward(model, data)
-        assert mine[:3, 3] == pytest.approx(1e3 * data.site("tcp").xpos, abs=1e-9)
-        assert mine[:3, :3] == pytest.approx(data.site("tcp").xmat.reshape(3, 3), abs=1e-12)
-        assert torque == pytest.approx(-data.qfrc_bias, abs=1e-9)
-    assert read_robot(path).chain is not None
-    part = read_robot(path, ReadOptions(base="one")).robot
-    assert [j.name for j in part.joints] == ["j3", "j4"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('type="slide" axis="0 1 0" range="-0.2 0.4"', 'type="ball"', "'j3' is a ball or free joint"),
-        (
-            "<worldbody>",
-            '<include file="../other.xml"/><worldbody>',
-            "line 4: names '../other.xml', which is not below",
-        ),
-        (
-            "<worldbody>",
-            '<asset><mesh name="m" file="/etc/passwd"/></asset><worldbody>',
-            "names '/etc/passwd'",
-        ),
-        ("</mujoco>", "", "not valid XML"),
-        ('axis="0 1 0"/>', 'axis="0 0 0"/>', "MuJoCo refuses it"),
-        (
-            'pos="0 0 0.05" ref',
-            'pos="0 -1e308 0.05" ref',
-            r"line 9: joint 'j2' is more than 1e\+06 m away; lengths are metres",
-        ),
-        (
-            '<site name="tcp"',
-            '<body name="fork"/><body name="other"/><site name="tcp"',
-            "several tips; choose one with --tip",
-        ),
-    ],
-)
-def test_a_mujoco_model_that_cannot_be_used_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
-    path = tmp_path / "arm.xml"
-    path.write_text(MJCF.replace(old, new, 1))
-    with pytest.raises(RobotFileError, match=said) as caught:
-        read_robot(path)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

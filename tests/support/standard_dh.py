@@ -1,8 +1,44 @@
-"""Standard Denavit-Hartenberg tables, elementary and in extended precision."""
+"""Elementary transforms, standard Denavit-Hartenberg tables made of them, and these in extended precision."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Robot
+
+
+def tips(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Tip transforms (N, 4, 4) of a robot."""
+    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+
+
+def joints_at_random(count: int, n: int) -> np.ndarray:
+    """Joint vectors (count, n), rad."""
+    return np.random.default_rng(0).uniform(-np.pi, np.pi, (count, n))
+
+
+def rot(axis: str, angle: float) -> np.ndarray:
+    """Rotation about an axis."""
+    out = np.eye(4)
+    out[:3, :3] = Rotation.from_euler(axis, angle).as_matrix()
+    return out
+
+
+def trans(x: float, y: float, z: float) -> np.ndarray:
+    """Shift."""
+    out = np.eye(4)
+    out[:3, 3] = (x, y, z)
+    return out
+
+
+def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Tip transform (4, 4) of a standard Denavit-Hartenberg table with rows theta, a, d, alpha."""
+    out = np.eye(4)
+    for (theta, a, d, alpha), value in zip(rows, q, strict=True):
+        out = out @ rot("z", theta + value) @ trans(a, 0, d) @ rot("x", alpha)
+    return out
 
 
 def exactly(rows: np.ndarray, q: np.ndarray) -> np.ndarray:

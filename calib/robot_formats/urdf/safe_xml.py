@@ -28,12 +28,6 @@ class Element:
     line: int
     start: int  # of its start tag in the file's bytes
     children: list[Element] = field(default_factory=list)
-    file: Path | None = None  # that it was written in, where that is another than the one that was named
-
-    @property
-    def place(self) -> str:
-        """Text with the element's line, and its file where that is an included one, for messages."""
-        return str(self.line) if self.file is None else f"{self.line} of {self.file}"
 
     def all(self, tag: str) -> Iterator[Element]:
         """Children with a tag."""
@@ -42,6 +36,14 @@ class Element:
     def first(self, tag: str) -> Element | None:
         """First child with a tag; None where there is none."""
         return next(self.all(tag), None)
+
+    def with_all_below(self) -> Iterator[Element]:
+        """The element and all that are in it, in the order of the text."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting += reversed(element.children)
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class XmlFile:
 
     def fail(self, at: Element | int, found: str, remedy: str) -> NoReturn:
         """Raise RobotFileError that names file, line, what was found and a remedy."""
-        line = str(at) if isinstance(at, int) else at.place
+        line = at if isinstance(at, int) else at.line
         raise RobotFileError(f"{self.path}: line {line}: {found}; {remedy}")
 
 

@@ -66,7 +66,7 @@ def read_tree(file: XmlFile) -> UrdfTree:
     """Read links and joints of a URDF. Raises RobotFileError in one line with file, line and name."""
     robot = file.root
     if robot.tag == "mujoco":
-        file.fail(robot, "a MuJoCo model, not a URDF", "give it the suffix .xml")
+        file.fail(robot, "a MuJoCo model, not a URDF", "the extra robot_forms reads it, by the suffix .xml")
     if robot.tag != "robot":
         file.fail(robot, f"the file begins with <{robot.tag[:40]}>", "a URDF begins with <robot>")
     _refuse_xacro(file)
@@ -116,17 +116,14 @@ def _root(roots: list[str], joints_on: Mapping[str, tuple[UrdfJoint, ...]]) -> s
 
 
 def _refuse_xacro(file: XmlFile) -> None:
-    waiting = [file.root]
-    while waiting:
-        element = waiting.pop()
+    for element in file.root.with_all_below():
         if element.tag.startswith("xacro:"):
             file.fail(
                 element,
                 f"found <{element.tag[:40]}>, a macro that is not expanded",
-                "`inspector convert` and `import` expand a .xacro that is named on the command line; or run "
-                "`xacro FILE.xacro > FILE.urdf` and give FILE.urdf",
+                "give `inspector convert` the file with the suffix .xacro, or run `xacro FILE.xacro > FILE.urdf`, and "
+                "give FILE.urdf",
             )
-        waiting += reversed(element.children)
 
 
 def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> UrdfJoint:

@@ -9,7 +9,7 @@ from typing import Any
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.errors import CalibError
 from calib.robot_formats.robot_file import RobotFile, conversion_error_mm, read_robot
-from calib.robot_formats.robots import WRITTEN_SUFFIXES, robot_content
+from calib.robot_formats.robots import require_written, robot_content
 from inspector.cli.dataset_commands import show
 from inspector.cli.options.robots import ConvertOptions
 from inspector.cli.robots.reading import reading_of
@@ -29,17 +29,12 @@ def run_convert(options: ConvertOptions) -> int:
 def _check_out(options: ConvertOptions) -> None:
     """Raise CalibError, before anything is read, for an output path or format that cannot be written."""
     out: Path = options.out
-    if out.suffix.lower() not in WRITTEN_SUFFIXES:
-        raise CalibError(f"{out}: expected a name that ends in {' or '.join(WRITTEN_SUFFIXES)}")
+    require_written(out, options.template)
     for path in (options.source, options.template):
         if path is not None and path.resolve() == out.resolve():
             raise CalibError(f"{out}: is what this command reads, which would be lost; name another file to write")
     if out.exists() and not options.force:
         raise CalibError(f"{out}: exists; name another file, or --force to replace it")
-    if options.template is not None and options.template.suffix.lower() != out.suffix.lower():
-        raise CalibError(
-            f"--template {options.template}: is of another form than {out}; only a .urdf or .yaml is made of one"
-        )
 
 
 def _document(options: ConvertOptions, found: RobotFile, said: Sequence[str]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from calib.planning.start import start_of_dataset
 from inspector.cli.parser import main
 from inspector.export.plan_files import planned_file
 from tests.support.fleet import ENOUGH, write_cell
-from tests.support.robot_texts import MJCF, UR_YAML
+from tests.support.robot_texts import UR_YAML
 
 pytestmark = pytest.mark.slow
 
@@ -82,7 +82,6 @@ def test_files_that_are_written_show_it_too(cell: Path, tmp_path: Path) -> None:
          '<parent link="b"/><child link="l"/></joint></robot>'),
         ("arm.urdf", '<robot name="a&#x200b;"><link name="b"/><link name="l"/><joint name="j" type="continuous">'
          '<parent link="b"/><child link="l"/></joint></robot>'),
-        ("arm.xml", MJCF.replace('"j1"', '"j&#x202e;1"')),
         ("arm.yaml", UR_YAML.replace("shoulder:", "shoulder\u202e:")),
     ],
 )  # fmt: skip

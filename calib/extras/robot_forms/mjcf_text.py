@@ -8,10 +8,18 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.frames import quaternion_from_rotation
+from calib.kinematics.robot import Robot
+from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
+from calib.robot_formats.robots import RobotContent, not_in_model
 from calib.robot_formats.urdf.text import GYRATION_M, TOOL_POINT_LINK, numbers
 
 _TIP_SITE = "attachment_site"  # as the models of MuJoCo's menagerie name it
+
+
+def mjcf_content(robot: Robot) -> RobotContent:
+    """The bytes of a plain MuJoCo model, and notes on what it cannot hold. Raises RobotFileError."""
+    return plain_mjcf(chain_of(robot)).encode(), not_in_model(robot)
 
 
 def plain_mjcf(chain: SerialChain) -> str:

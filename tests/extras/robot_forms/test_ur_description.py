@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib.extras.robot_forms.ur_calibration import MODELS, nominal_rows
 from calib.robot_formats.robot_file import ReadOptions, read_robot
-from calib.robot_formats.ur_calibration import MODELS, nominal_rows
 from inspector.cli.parser import main
 from tests.support.robot_texts import DELTAS, FAR_DELTAS, conf_of
 from tests.support.sweeps import sweep

@@ -17,8 +17,11 @@ import numpy as np
 from calib.array_types import Array
 from calib.frames import rotation_from_rpy, wrapped_angle
 from calib.kinematics.robot import Robot
+from calib.robot_formats.calibrated_file import CalibratedFile
+from calib.robot_formats.chain.calibrated_origins import with_calibration
 from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
+from calib.robot_formats.robot_file import ReadOptions, RobotFile, of_chain
 from calib.robot_formats.urdf.safe_xml import read_bytes
 
 # a2, a3, d1, d4, d5, d6 in metres: universal-robots.com, "DH parameters for calculations of kinematics and dynamics"
@@ -41,6 +44,7 @@ _LINE = re.compile(r"\s*(?P<key>\w+)\s*=\s*\[(?P<values>[^\]]*)\]\s*$")
 _FAR_MM = 50.0  # real arms are off by a few
 _MOST_BYTES = 1024 * 1024
 _MOST = 1e5  # m or rad
+_LOST_MM, _LOST_RAD = 1e-6, 1e-9  # of the flange, above which a note tells it
 _PARALLEL = 1e-9  # sine of the angle of two axes below which any of their normals will do
 
 
@@ -71,6 +75,22 @@ def read_ur_calibration(path: Path, model: str | None) -> tuple[Robot, SerialCha
             f"is, one of {', '.join(MODELS)}"
         )
     return robot, chain
+
+
+def read_conf(path: Path, reading: ReadOptions) -> RobotFile:
+    """Robot of a calibration.conf of the model that the options name. Raises RobotFileError with file and line."""
+    robot, chain = read_ur_calibration(path, reading.model)
+    return of_chain(chain, path, robot)
+
+
+def nominal_robots() -> list[tuple[str, Robot]]:
+    """Nominal arms of all models, by their names: models of one table together, as "UR5e or UR7e"."""
+    names: dict[tuple[float, ...], list[str]] = {}
+    for model, lengths in MODELS.items():
+        names.setdefault(lengths, []).append(f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}")
+    return [
+        (" or ".join(named), robot_of(chain_of_standard(nominal_rows(named[0]), named[0]))) for named in names.values()
+    ]
 
 
 def nominal_rows(model: str) -> Array:
@@ -195,6 +215,41 @@ def with_deltas(text: str, table: UrTable, model: str) -> tuple[str, tuple[str, 
             line = new
         lines.append(line)
     return "".join(lines), tuple(changed)
+
+
+def calibrated_conf(
+    template: Path, calibrated: Robot, nominal: Robot | None = None, comment: str = ""
+) -> CalibratedFile:
+    """A UR controller's calibration.conf with calibrated corrections, all else unchanged, so that it gets no comment.
+
+    The arm's model is the one with which the file has the axes of the nominal robot. Arguments as of `calibrated_urdf`.
+    Raises RobotFileError where there is none.
+    """
+    failed: RobotFileError | None = None
+    for model in MODELS:
+        try:
+            _, chain = read_ur_calibration(template, model)
+            found = with_calibration(chain, nominal, calibrated)
+        except RobotFileError as error:
+            failed = failed or error
+            continue
+        table = table_of_chain(found.chain, nominal_rows(model))
+        text, changed = with_deltas(template.read_bytes().decode("utf-8-sig"), table, model)
+        notes = ["a controller takes the file back only as its maker says; keep the one that it had"]
+        if not found.tip_known:
+            notes.append("the tool is no part of a calibration.conf")
+        if table.lost_mm >= _LOST_MM or table.lost_rad >= _LOST_RAD:
+            notes.append(
+                f"the calibrated flange is {table.lost_mm:.3g} mm off the last axis and tilted by "
+                f"{np.degrees(table.lost_rad):.3g} deg, for which the controller has no number: it is lost"
+            )
+        if found.chain.tool_point_mm is not None:
+            notes.append("the measured point is no part of a calibration.conf")
+        return CalibratedFile(text.encode(), changed, tuple(notes))
+    raise RobotFileError(
+        f"{template}: read as of none of {', '.join(MODELS)} has it the axes of robot.toml; give the calibration.conf "
+        f"from which that was imported ({failed})"
+    )
 
 
 def _number(word: str) -> float | None:

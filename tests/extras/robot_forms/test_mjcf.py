@@ -1,4 +1,4 @@
-"""Untrusted MuJoCo models: MuJoCo gets the parts of a serial arm as text in a bounded process, and no file."""
+"""MuJoCo models: what MuJoCo makes of them, and untrusted ones, which lead to no file outside their folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.robot_formats import mjcf
+from calib.effects.gravity import GravityLoads
+from calib.extras.robot_forms import mjcf
+from calib.kinematics.chain import forward
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from inspector.cli.parser import main
@@ -44,19 +46,84 @@ def cube(size: float) -> bytes:
 
 
 @pytest.mark.slow
-def test_what_says_nothing_of_joints_and_masses_is_left_out(tmp_path: Path) -> None:
+def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF)
+    robot = read_robot(path, ReadOptions(tip="tcp")).robot
+    assert [(j.name, j.type) for j in robot.joints] == [
+        ("j1", "revolute"),
+        ("j2", "revolute"),
+        ("j3", "prismatic"),
+        ("j4", "revolute"),
+    ]
+    assert robot.joints[0].max == pytest.approx(np.pi / 2)
+    assert robot.joints[2].max == pytest.approx(400.0)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    q = np.random.default_rng(0).uniform(-1, 1, (50, 4))
+    chain = forward(robot.table, q * [1, 1, 1e3, 1], robot.is_revolute, robot.base_T_first)
+    torques = GravityLoads(robot, chain, None).joint_torques
+    for values, mine, torque in zip(q, chain.base_T_frame[:, -1], torques, strict=True):
+        data.qpos[:] = values
+        mujoco.mj_forward(model, data)
+        assert mine[:3, 3] == pytest.approx(1e3 * data.site("tcp").xpos, abs=1e-9)
+        assert mine[:3, :3] == pytest.approx(data.site("tcp").xmat.reshape(3, 3), abs=1e-12)
+        assert torque == pytest.approx(-data.qfrc_bias, abs=1e-9)
+    assert read_robot(path).chain is not None
+    part = read_robot(path, ReadOptions(base="one")).robot
+    assert [j.name for j in part.joints] == ["j3", "j4"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('type="slide" axis="0 1 0" range="-0.2 0.4"', 'type="ball"', "'j3' is a ball or free joint"),
+        (
+            "<worldbody>",
+            '<include file="../other.xml"/><worldbody>',
+            "line 4: names '../other.xml', which is not below",
+        ),
+        (
+            "<worldbody>",
+            '<asset><mesh name="m" file="/etc/passwd"/></asset><worldbody>',
+            "names '/etc/passwd'",
+        ),
+        ("</mujoco>", "", "not valid XML"),
+        ('axis="0 1 0"/>', 'axis="0 0 0"/>', "MuJoCo refuses it"),
+        (
+            'pos="0 0 0.05" ref',
+            'pos="0 -1e308 0.05" ref',
+            r"joint 'j2' is more than 1e\+06 m away; lengths are metres",
+        ),
+        (
+            '<site name="tcp"',
+            '<body name="fork"/><body name="other"/><site name="tcp"',
+            "several tips; choose one with --tip",
+        ),
+    ],
+)
+def test_a_mujoco_model_that_cannot_be_used_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.replace(old, new, 1))
+    with pytest.raises(RobotFileError, match=said) as caught:
+        read_robot(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_what_says_nothing_of_joints_and_masses_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(model())
     alone = chain(path)
     path.write_text(
         model(
-            HAND
-            + '<geom type="box" size="1 1 1" material="m"/><geom type="hfield" hfield="h"/><camera name="c"/><light/>',
+            HAND + '<geom type="box" size="1 1 1" material="m"/><camera name="c"/><light/>',
             before='<option gravity="0 0 -9.81"/><default><geom mass="0"/><camera fovy="20"/></default><visual/>'
-            '<asset><texture name="t" type="2d" file="/etc/passwd"/><material name="m" texture="t"/>'
-            '<hfield name="h" nrow="20000" ncol="20000" size="1 1 1 1"/><skin file="/etc/passwd"/></asset>',
+            '<asset><texture name="t" type="2d" builtin="flat" width="8" height="8"/><material name="m" texture="t"/>'
+            "</asset>",
             after='<actuator><motor joint="j1"/></actuator><sensor><jointpos joint="j1"/></sensor><keyframe>'
-            '<key qpos="0 0"/></keyframe><custom><numeric name="n" size="2000000000"/></custom>',
+            '<key qpos="0 0"/></keyframe><custom><numeric name="n" size="20"/></custom>',
         )
     )
     whole = chain(path)
@@ -154,6 +221,19 @@ REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
     "an absolute mesh": (
         alone(model(before='<asset><mesh file="/etc/passwd"/></asset>')),
         "names '/etc/passwd', which is not below",
+    ),
+    "a texture from elsewhere": (
+        alone(model(before='<asset><texture name="t" type="2d" file="/etc/passwd"/></asset>')),
+        "names '/etc/passwd', which is not below",
+    ),
+    "a height field of any size": (
+        alone(
+            model(
+                HAND + '<geom type="hfield" hfield="h"/>',
+                before='<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',
+            )
+        ),
+        "MuJoCo",
     ),
     "a mesh that is a device": (
         lambda folder: [

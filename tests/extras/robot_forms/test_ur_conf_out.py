@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.extras.robot_forms.ur_calibration import chain_of_standard, nominal_rows, table_of_chain
 from calib.robot_formats.robot_file import ReadOptions, read_robot
-from calib.robot_formats.ur_calibration import chain_of_standard, nominal_rows, table_of_chain
 from inspector.cli.parser import main
 from tests.support.robot_texts import conf_of
 from tests.support.standard_dh import exactly

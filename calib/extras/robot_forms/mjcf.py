@@ -1,0 +1,92 @@
+"""MuJoCo's models (MJCF), compiled by MuJoCo itself (the extra `mujoco`) and read as a serial chain.
+
+A model may name other files and ask for any number of parts. So it is looked through before MuJoCo sees it: every file
+that it names lies in its folder or below, and what a serial arm does not need is refused. MuJoCo then compiles it in a
+process of its own with bounded memory and time (`mjcf_compiled`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.bounded_process import ProcessFailed, ProcessLimits, ask
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
+from calib.robot_formats.robot_file import ReadOptions, RobotFile, of_chain, read_xml
+from calib.robot_formats.urdf.safe_xml import Element, XmlFile
+
+_LIMITS = ProcessLimits(seconds=60.0, memory_bytes=2 * 1024**3)
+_MOST_FILES = 500
+_REFUSED = {  # code, other models, or any number of parts and any size of memory
+    "plugin", "extension", "replicate", "composite", "flexcomp", "size", "attach", "model",
+}  # fmt: skip
+_DIRECTORIES = ("meshdir", "assetdir", "texturedir")
+
+
+def read_mjcf(path: Path, reading: ReadOptions) -> RobotFile:
+    """Robot from a base body (None: the world) to a tip, a body or a site (None: the only end body) of a model.
+
+    Raises RobotFileError in one line: MuJoCo is not installed or refuses the model, several tips, no serial arm.
+    """
+    file = read_xml(path)
+    require_own_folder(file)
+    request = {"model": str(path.absolute()), "file": str(path), "tip": reading.tip, "base": reading.base}
+    try:
+        answer = ask("calib.extras.robot_forms.mjcf_compiled:answer", request, _LIMITS)
+    except ProcessFailed as error:
+        raise RobotFileError(f"{path}: MuJoCo cannot read it: it {error}; give the arm alone, or its URDF") from None
+    if "error" in answer:
+        raise RobotFileError(answer["error"])
+    return of_chain(_chain_from_document(answer), path)
+
+
+def _chain_from_document(document: Mapping[str, Any]) -> SerialChain:
+    """Chain from the dict that `mjcf_compiled` returns."""
+    joints = tuple(
+        ChainJoint(**{**joint, "before_T_joint": np.array(joint["before_T_joint"]), "axis": tuple(joint["axis"])})
+        for joint in document["joints"]
+    )
+    return SerialChain(**{**document, "joints": joints, "last_T_tip": np.array(document["last_T_tip"])})
+
+
+def require_own_folder(file: XmlFile) -> None:
+    """Raise RobotFileError where a model, or one that it includes, has refused parts or names a file elsewhere."""
+    folder = file.path.absolute().parent
+    directories, named = {Path()}, list[tuple[XmlFile, Element, str]]()
+    waiting, known = [file], {file.path.resolve()}
+    while waiting:
+        each = waiting.pop()
+        for element in each.root.with_all_below():
+            if element.tag in _REFUSED:
+                each.fail(element, f"found <{element.tag}>", "a serial arm needs none; leave it out")
+            given = element.attributes
+            directories |= {Path(given[key]) for key in _DIRECTORIES if key in given}
+            named += [(each, element, given[key]) for key in given if key.startswith("file")]  # of textures, fileup ...
+            if element.tag == "include":
+                included = _included(each, element, folder)
+                if included in known or len(known) >= _MOST_FILES:
+                    each.fail(element, f"includes {given.get('file', '')[:60]!r} twice", "MuJoCo takes each file once")
+                known.add(included)
+                waiting.append(read_xml(included))
+    for each, element, name in named:
+        for directory in directories:
+            _inside(each, element, folder / directory / name, folder)
+
+
+def _included(file: XmlFile, element: Element, folder: Path) -> Path:
+    """File of an <include>: relative to the model, as in MuJoCo, or to the file that includes it."""
+    name = element.attributes.get("file", "")
+    paths = [_inside(file, element, place / name, folder) for place in (folder, file.path.absolute().parent)]
+    return next((path for path in paths if path.is_file()), paths[0])
+
+
+def _inside(file: XmlFile, element: Element, path: Path, folder: Path) -> Path:
+    """Where a path leads, links followed. Raises RobotFileError where that is outside the model's folder."""
+    resolved = path.resolve()
+    if not resolved.is_relative_to(folder.resolve()):
+        name = next(value for key, value in element.attributes.items() if key.startswith("file"))
+        file.fail(element, f"names {name[:60]!r}, which is not below its folder", "put it there")
+    return resolved

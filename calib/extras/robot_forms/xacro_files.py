@@ -1,0 +1,91 @@
+"""Robots written as xacro, expanded by the libraries `xacrodoc` and `xacro` (the extra `xacro`), without ROS.
+
+A xacro is a program, which runs as the user does: only a file that the command line names is expanded.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from calib.robot_formats.chain.serial_chain import RobotFileError
+from calib.robot_formats.robot_file import ReadOptions, RobotFile, of_urdf
+from calib.robot_formats.urdf.safe_xml import parse_xml, read_bytes
+
+_INSTALL = "pip install 'robot-calibration-inspector[xacro]'"
+_PACKAGE = "package.xml"
+
+
+def read_xacro(path: Path, reading: ReadOptions) -> RobotFile:
+    """Robot of a xacro, expanded with the arguments and packages of the options. Raises RobotFileError in one line."""
+    if reading.xacro_args is None:
+        urdf = path.with_suffix("").with_suffix(".urdf").name
+        raise RobotFileError(
+            f"{path}: a xacro is a program, which the command line alone runs: `inspector convert {path.name} {urdf}`, "
+            f"and give {urdf}"
+        )
+    packages = _Packages(path, reading.packages or {})
+    text = _expanded(path, reading.xacro_args, packages)
+    file = parse_xml(path.with_name(f"{path.name} (expanded)"), text.encode())
+    return of_urdf(file, path, replace(reading, packages=packages.known))
+
+
+class _Packages:
+    """Folders of ROS packages by name: those that were given, and those that were found."""
+
+    def __init__(self, path: Path, given: Mapping[str, Path]) -> None:
+        for name, folder in given.items():
+            if not folder.is_dir():
+                raise RobotFileError(f"--package {name}={folder}: is no folder; name that of the package")
+        self.known = {name: folder.resolve() for name, folder in given.items()}
+        self._file = path.resolve()
+
+    def folder(self, name: str) -> str:
+        """Folder of a package: given, with a package.xml above the file, or beside the file or such a folder."""
+        if name not in self.known:
+            above = [folder for folder in self._file.parents if (folder / _PACKAGE).is_file()]
+            named = [folder for folder in above if name in (folder.name, _name_in(folder / _PACKAGE))]
+            beside = [folder.parent / name for folder in above] + [self._file.parent / name]
+            found = next((folder for folder in (*named, *beside) if folder.is_dir()), None)
+            if found is None:
+                raise RobotFileError(f"$(find {name}) is not known; give --package {name}=FOLDER")
+            self.known[name] = found
+        return str(self.known[name])
+
+
+def _name_in(path: Path) -> str:
+    """Name of a package in its package.xml; the parser keeps no text, so it is looked for between the tags."""
+    _, _, behind = read_bytes(path).decode("utf-8", "replace").partition("<name>")
+    return behind.partition("</name>")[0].strip()
+
+
+def _expanded(path: Path, arguments: Mapping[str, str], packages: _Packages) -> str:
+    """Text of the URDF that a xacro makes; whatever the libraries raise becomes one line. Raises RobotFileError."""
+    read_bytes(path)
+    if any(find_spec(name) is None for name in ("xacrodoc", "xacro")):
+        raise RobotFileError(
+            f"{path}: a xacro needs the extra `xacro` to be expanded: {_INSTALL}; or run `xacro FILE.xacro > "
+            "FILE.urdf` where ROS is and give FILE.urdf"
+        )
+    import xacro
+    import xacrodoc
+
+    xacrodoc.packages.get_path = packages.folder  # its own would ask ROS, and keep what it found for the next file
+    xacro.init_stacks(str(path))
+    try:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # its warnings are not ours
+            made = xacrodoc.XacroDoc.from_file(
+                str(path), walk_up=False, subargs=dict(arguments), resolve_packages=False
+            )
+            return str(made.dom.toxml())
+    except Exception as error:
+        words = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, RecursionError):
+            words = "macros or properties go round in a circle"
+        innermost = Path((xacro.filestack or [path])[-1] or path)
+        of = "" if innermost.name == path.name else f"in {innermost.name}: "
+        raise RobotFileError(f"{path}: xacro: {of}{words[:300]}") from None

@@ -1,0 +1,230 @@
+"""Robots written as xacro: expanded by the library, refused where no user named the file, errors in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.extras.robot_forms import xacro_files
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Robot
+from calib.robot_formats.chain.serial_chain import RobotFileError
+from calib.robot_formats.robot_file import ReadOptions, read_robot
+from inspector.cli.parser import main
+
+pytest.importorskip("xacrodoc")
+
+HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
+MACRO = (
+    HEAD
+    + """  <xacro:macro name="stage" params="n parent *origin">
+    <link name="link${n}"/>
+    <joint name="joint${n}" type="revolute">
+      <parent link="${parent}"/> <child link="link${n}"/>
+      <xacro:insert_block name="origin"/>
+      <axis xyz="0 ${n % 2} ${1 - n % 2}"/>
+      <limit lower="-2" upper="${pi / 2}" effort="1" velocity="1"/>
+    </joint>
+  </xacro:macro>
+</robot>
+"""
+)
+ARM = (
+    HEAD
+    + """  <xacro:include filename="parts/stage.xacro"/>
+  <xacro:arg name="reach" default="0.3"/>
+  <xacro:property name="sizes" value="${xacro.load_yaml('sizes.yaml')}"/>
+  <link name="base"/>
+  <xacro:stage n="1" parent="base"><origin xyz="0 0 ${sizes['height']}"/></xacro:stage>
+  <xacro:stage n="2" parent="link1"><origin xyz="$(arg reach) 0 0" rpy="0.1 0 0"/></xacro:stage>
+</robot>
+"""
+)
+BY_HAND = """<robot name="arm"><link name="base"/><link name="link1"/><link name="link2"/>
+<joint name="joint1" type="revolute"><parent link="base"/><child link="link1"/><origin xyz="0 0 0.25"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="1.5707963267948966"/></joint>
+<joint name="joint2" type="revolute"><parent link="link1"/><child link="link2"/><origin xyz="0.45 0 0" rpy="0.1 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-2" upper="1.5707963267948966"/></joint></robot>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    cell = tmp_path / "cell"
+    (cell / "parts").mkdir(parents=True)
+    (cell / "parts" / "stage.xacro").write_text(MACRO)
+    (cell / "sizes.yaml").write_text("height: 0.25\n")
+    (cell / "arm.xacro").write_text(ARM)
+    return cell / "arm.xacro"
+
+
+def tips(robot: Robot) -> np.ndarray:
+    q = np.random.default_rng(0).uniform(-2, 2, (20, robot.n_joints))
+    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+
+
+def run(path: Path, packages: dict[str, Path] | None = None, **arguments: str) -> Robot:
+    return read_robot(path, ReadOptions(xacro_args=arguments, packages=packages)).robot
+
+
+def test_a_xacro_is_the_urdf_that_it_makes(arm: Path, tmp_path: Path) -> None:
+    (tmp_path / "hand.urdf").write_text(BY_HAND)
+    theirs = read_robot(tmp_path / "hand.urdf").robot
+    mine = run(arm, reach="0.45")
+    assert np.abs(tips(mine) - tips(theirs)).max() < 1e-12
+    assert [(j.name, j.min, j.max) for j in mine.joints] == [(j.name, j.min, j.max) for j in theirs.joints]
+    assert mine.name == "arm"
+
+
+def named(folder: Path, name: str) -> Path:
+    """A ROS package of this name in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "package.xml").write_text(f"<package><name> {name} </name></package>")
+    return folder
+
+
+def test_a_package_is_given_or_above_the_file_or_beside_it(arm: Path, tmp_path: Path) -> None:
+    expected = tips(run(arm))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (arm.parent / "parts" / "stage.xacro").rename(elsewhere / "stage.xacro")
+    arm.write_text(ARM.replace("parts/", "$(find stages)/"))
+    with pytest.raises(RobotFileError, match=r"arm\.xacro: xacro: .*give --package stages=FOLDER"):
+        run(arm)
+    assert np.array_equal(tips(run(arm, {"stages": elsewhere})), expected)
+    with pytest.raises(RobotFileError, match="is no folder"):
+        run(arm, {"stages": elsewhere / "no"})
+    beside = elsewhere.rename(arm.parent / "stages")
+    assert np.array_equal(tips(run(arm)), expected)
+    beside.rename(tmp_path / "stages")  # beside the package that holds the file
+    named(arm.parent, "cell_description")
+    assert np.array_equal(tips(run(arm)), expected)
+    (tmp_path / "stages" / "stage.xacro").rename(arm.parent / "stage.xacro")
+    (tmp_path / "stages").rmdir()
+    named(arm.parent, "stages")  # by its package.xml, whatever its folder is called
+    assert np.array_equal(tips(run(arm)), expected)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("parts/stage.xacro", "parts/none.xacro", "xacro: .*No such file"),
+        ("$(arg reach)", "${height}", "xacro: name 'height' is not defined"),
+        ("$(arg reach)", "$(arg none)", "xacro: .*none"),
+        ("$(arg reach)", "${1/0}", "xacro: .*division by zero"),
+        ("  <link name", "  <xacro:no/><link name", "xacro: unknown macro name: xacro:no"),
+        ('n="1" parent="base"', 'n="1" parent="none"', r"arm\.xacro \(expanded\): line \d+: .*names link 'none'"),
+        ("</robot>", "", "xacro: .*(no element found|not well-formed)"),
+        ("  <link name", '  <xacro:include filename="arm.xacro"/><link name', "xacro: .*circle"),
+    ],
+)
+def test_a_mistake_in_a_xacro_is_one_line(arm: Path, old: str, new: str, said: str) -> None:
+    assert old in ARM
+    arm.write_text(ARM.replace(old, new, 1))
+    with pytest.raises(RobotFileError, match=said) as caught:
+        run(arm)
+    assert str(caught.value).startswith(str(arm))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_error_in_an_included_file_names_it(arm: Path) -> None:
+    (arm.parent / "parts" / "stage.xacro").write_text(MACRO.replace("<xacro:macro", "<xacro:property/><xacro:macro"))
+    with pytest.raises(RobotFileError, match=r"arm\.xacro: xacro: in stage\.xacro: "):
+        run(arm)
+
+
+def test_without_leave_or_without_xacrodoc_a_xacro_is_refused(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RobotFileError, match=r"`inspector convert arm\.xacro arm\.urdf`, and give arm\.urdf"):
+        read_robot(arm)
+    monkeypatch.setattr(xacro_files, "find_spec", lambda name: None)
+    with pytest.raises(RobotFileError, match=r"pip install 'robot-calibration-inspector\[xacro\]'"):
+        run(arm)
+
+
+def test_the_commands_expand_what_is_named_and_nothing_else(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "robot.toml"
+    assert main(["convert", str(arm), str(out), "--xacro-arg", "reach:=0.7"]) == 0
+    (tmp_path / "hand.urdf").write_text(BY_HAND.replace("0.45", "0.7"))
+    theirs = tips(read_robot(tmp_path / "hand.urdf").robot)
+    assert np.abs(tips(read_robot(out).robot) - theirs).max() < 1e-9
+    assert "joint1, joint2" in capsys.readouterr().out
+    (arm.parent / "joints.csv").write_text("q1_deg,q2_deg,x_mm,y_mm,z_mm\n0,0,1,2,3\n")
+    cell = tmp_path / "made"
+    assert main(["import", str(cell), "--from", str(arm.parent)]) == 2
+    assert "`inspector convert arm.xacro arm.urdf`" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["convert", str(arm), str(out), "--xacro-arg", "reach=0.7"])
+    assert "is not NAME:=VALUE" in capsys.readouterr().err
+
+
+# What stock descriptions do (UR, Franka, xArm, KUKA, ABB, Kinova): tables of limits in degrees, names behind dots,
+# namespaces, blocks, defaults taken from outside, scopes, conditions, dynamic calls, attributes that are made.
+STOCK = (
+    HEAD
+    + """  <xacro:arg name="kind" default="big"/>
+  <xacro:arg name="prefix" default=""/>
+  <xacro:property name="limits" value="${xacro.load_yaml('limits.yaml')}"/>
+  <xacro:property name="start" value="${dict(joint_1=0.5, joint_2=-1.0)}" lazy_eval="false"/>
+  <xacro:property name="prefix" value="$(arg prefix)"/>
+  <xacro:include filename="parts/tools.xacro" ns="tools"/>
+  <xacro:macro name="data" params="which">
+    <xacro:property name="sec" value="${limits['joints'][which]}"/>
+    <xacro:property name="low" value="${sec.min}" scope="parent"/>
+    <xacro:property name="high" value="${sec.max if sec.max else pi}" scope="parent"/>
+  </xacro:macro>
+  <xacro:property name="blocks">
+    <origin xyz="0 0 ${limits.height * 2}" rpy="${-pi / 2} 0 ${radians(30)}"/></xacro:property>
+  <xacro:macro name="stage" params="n parent prefix:=^|'' scale:=${1 + 1} *first **rest">
+    <xacro:data which="joint_${n}"/>
+    <link name="${prefix}link${n}"><xacro:insert_block name="rest"/></link>
+    <joint name="${prefix}joint${n}" type="revolute">
+      <parent link="${parent}"/><child link="${prefix}link${n}"/>
+      <xacro:insert_block name="first"/>
+      <axis xyz="0 ${n % 2} ${1 - n % 2}"/>
+      <limit lower="${low}" upper="${high}" effort="${'%.1f' % (scale * 10)}" velocity="${tools.speed}"/>
+    </joint>
+    <xacro:unless value="${n == 1}">
+      <note text="${start['joint_' + str(n)]} ${prefix.startswith('x')}"/>
+    </xacro:unless>
+  </xacro:macro>
+  <link name="base"/>
+  <xacro:stage n="1" parent="base">
+    <xacro:insert_block name="blocks"/><rest><a/><b v="${xacro.warning('said')}"/></rest>
+  </xacro:stage>
+  <xacro:call macro="stage" n="2" parent="${prefix}link1" prefix="x_">
+    <origin xyz="${' '.join([str(v) for v in limits.offset])}"/><rest/>
+  </xacro:call>
+  <xacro:if value="$(eval kind == 'big' and 2 > 1)"><xacro:tools.tool name="grip"/></xacro:if>
+  <xacro:if value="${python.any([k == 'none' for k in ['big', 'small']])}"><xacro:no/></xacro:if>
+  <xacro:element xacro:name="made_${prefix}"><xacro:attribute name="v" value="1 ${1e-5}"/></xacro:element>
+</robot>
+"""
+)
+TOOLS = (
+    HEAD
+    + """  <xacro:property name="speed" value="${2 * pi}"/>
+  <xacro:macro name="tool" params="name"><link name="${name}_${int('3') // 2}"/></xacro:macro>
+</robot>
+"""
+)
+LIMITS = """height: 0.25
+offset: [0.1, 0, -0.02]
+joints:
+  joint_1: {min: !degrees -180.0, max: !degrees 180.0, since: 2020-01-02}
+  joint_2: &two {min: -1.5, max: null}
+  joint_3: *two
+"""
+
+
+def test_what_stock_descriptions_do_is_expanded(arm: Path) -> None:
+    (arm.parent / "parts" / "tools.xacro").write_text(TOOLS)
+    (arm.parent / "limits.yaml").write_text(LIMITS)
+    arm.write_text(STOCK)
+    robot = read_robot(arm, ReadOptions(tip="x_link2", xacro_args={"prefix": "left_"})).robot
+    assert [(joint.name, joint.min, joint.max) for joint in robot.joints] == [
+        ("left_joint1", -np.pi, np.pi),
+        ("x_joint2", -1.5, np.pi),
+    ]
