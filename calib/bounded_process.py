@@ -1,8 +1,8 @@
 """A function of this library, run on an untrusted file in a process of its own with bounded memory, time and output.
 
-Parsers that others wrote (MuJoCo, readers of bags) may be led to ask for any amount of memory, to run for ever or to crash. In a
-process of their own that ends the process and becomes one line; the program that asked goes on. The process has no
-environment but what is listed here, starts no debugger, leaves no core file and writes nothing but its answer.
+Parsers that others wrote (MuJoCo, readers of bags) may be led to ask for any amount of memory, to run for ever or to
+crash. In a process of their own that ends the process and becomes one line; the program that asked goes on. The process
+has no environment but what is listed here, starts no debugger, leaves no core file and writes nothing but its answer.
 """
 
 from __future__ import annotations
