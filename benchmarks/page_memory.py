@@ -70,6 +70,8 @@ def main() -> None:
         print(f"goal: at most {GOAL_MB:+.0f} MB")
     server.stdin.close()
     server.wait(60)
+    if memory_mb - first > GOAL_MB:
+        sys.exit(1)
 
 
 if __name__ == "__main__":

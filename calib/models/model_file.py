@@ -38,6 +38,7 @@ from calib.models.model_document import KIND, VERSION, ModelDocument, Row, Saved
 from calib.options import FitOptions
 from calib.strict_json import JsonFile, Text
 
+LARGEST_VARIANCE = 1e12  # mm^2, rad^2, ...: far beyond what any fit leaves open
 SIZE_LIMIT = 100_000_000  # bytes; a thousand parameters are 10 MB
 _SAME = 1e-9  # mm or rad; largest difference of the table from robot and parameters
 
@@ -216,6 +217,12 @@ def _covariance(file: JsonFile, document: ModelDocument, size: int) -> Array:
     out = np.zeros((size, size))
     for i, row in enumerate(rows):
         out[i, : i + 1] = out[: i + 1, i] = row
+    possible = (out.diagonal() >= 0.0) & (out.diagonal() < LARGEST_VARIANCE)
+    sigma = np.sqrt(np.where(possible, out.diagonal(), 0.0))
+    wrong = np.argwhere((np.abs(out) > 1.001 * np.outer(sigma, sigma) + 1e-12) | np.diag(~possible))
+    if len(wrong):
+        i, j = map(int, wrong[0])
+        file.fail(["covariance", i, j], f"{out[i, j]:g}", "no covariance has such an entry")
     return out
 
 

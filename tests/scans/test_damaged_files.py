@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +10,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calib.corners.search import MIN_POINTS, CornerOptions, find_corner
-from calib.dataset.files.folder import load_dataset
-from calib.errors import CalibError, ScanError
+from calib.errors import ScanError
 from calib.jig import Jig
 from calib.scans.scan import Scan, load_scan
-from tests.support import ROOT
 from tests.support.scan_mutations import CLOUDS, MUTATIONS, WRITERS
 from tests.support.scan_scene import make_scene
 
-DATASET = ROOT / "sample_data" / "hidden_effect_a"
 QUICK = CornerOptions(sample_sets=600)
 SCENE = make_scene(np.random.default_rng(1), 900, field_mm=90)
 FILES = {name: write(SCENE.scan.points_mm) for name, write in WRITERS.items()}
@@ -91,28 +87,3 @@ def test_a_million_rows_without_a_value(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", points=np.full((1_000_000, 3), np.nan))
     with pytest.raises(ScanError, match="no usable point, 1000000 in the file"):
         load_scan(tmp_path / "a.npz")
-
-
-@pytest.mark.slow
-@settings(max_examples=150, **FUNCTION_FOLDER)
-@given(
-    name=st.sampled_from(["dataset.toml", "robot.toml", "poses.csv", "points.csv"]),
-    mutation=st.sampled_from([*MUTATIONS]),
-    seed=st.integers(0, 2**32),
-)
-def test_a_damaged_table_is_a_dataset_or_one_error(tmp_path: Path, name: str, mutation: str, seed: int) -> None:
-    folder = tmp_path / "measured"
-    if not folder.exists():
-        shutil.copytree(DATASET, folder)
-    path = folder / name
-    whole = path.read_bytes()
-    said = ""
-    try:
-        path.write_bytes(MUTATIONS[mutation](np.random.default_rng(seed), whole))
-        load_dataset(folder)
-    except CalibError as error:
-        said = str(error)
-    finally:
-        path.write_bytes(whole)
-    assert "\n" not in said
-    assert not said or str(folder) in said

@@ -1,6 +1,6 @@
 """Scan files that somebody damaged: every format written plainly, clouds without a corner, and ways to spoil bytes.
 
-Shared by the tests and benchmarks/fuzz.py. The writers share no code with the readers.
+The writers share no code with the readers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A command of the inspector in this process, held to what every command promises."""
+"""A command of the inspector in this process, held to what every command promises, whatever its inputs are."""
 
 from __future__ import annotations
 

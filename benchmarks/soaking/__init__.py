@@ -1,1 +1,0 @@
-"""Parts of `benchmarks/soak.py`: cases by number, processes kept alive for them, a record to go on from."""

@@ -1,1 +1,0 @@
-"""Random arms, calibrated and diagnosed, and the same arms told otherwise."""

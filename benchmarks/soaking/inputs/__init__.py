@@ -1,1 +1,0 @@
-"""Spoiled inputs of every kind, and the commands that read them."""

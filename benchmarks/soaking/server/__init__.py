@@ -1,1 +1,0 @@
-"""A live server: hostile clients, an honest page, and thousands of operations."""
