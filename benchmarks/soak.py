@@ -7,7 +7,7 @@ inputs       tests/test_hostile_inputs.py with thousands of examples in place of
 arms         1,000 random arms from calib/simulation/truth, diagnosed: errors against the bound, names against the truth
 constraints  4,000 random arms measured by sockets, planes and bars: no fit that lost the arm's size is accepted
 clients      hostile clients at a live server, one by one and all at once, beside an honest page
-page         5,000 operations on a page: its server's memory grows by less than 2 MB in 1,000
+page         5,000 operations on a page, 2,000 at the least: its server's memory grows by less than 2 MB in 1,000
 
 A case follows from its part, the seed and its number alone. Exit code 1 where anything was wrong.
 """
@@ -519,7 +519,7 @@ def soak_clients(count: int, options: argparse.Namespace) -> Troubles:
 
 def soak_page(count: int, options: argparse.Namespace) -> Troubles:
     """The operations of page_memory.py, and its goal."""
-    command = [sys.executable, str(ROOT / "benchmarks" / "page_memory.py"), "--count", str(max(count, 200))]
+    command = [sys.executable, str(ROOT / "benchmarks" / "page_memory.py"), "--count", str(max(count, 2000))]
     return ["see above"] if subprocess.run(command, cwd=ROOT).returncode else []
 
 
