@@ -19,7 +19,7 @@ import numpy as np
 
 from calib.calibration.calibrate import calibrate
 from calib.dataset.files.folder import load_dataset
-from calib.fleet.arm_type import fit_from_type, learn_type, type_report
+from calib.extras.fleet.arm_type import fit_from_type, learn_type, type_report
 from tests.support.fleet_of_type import drawn_fleet
 
 REAL = ("mukca_panda_1", "mukca_panda_2_clean", "mukca_panda_3", "mukca_panda_6", "mukca_panda_7")

@@ -33,10 +33,10 @@ sys.path.insert(0, str(ROOT))
 from calib.dataset.dataset import About  # noqa: E402
 from calib.dataset.files.folder import load_dataset, write_dataset  # noqa: E402
 from calib.dataset.files.robot_toml import builtin_robot  # noqa: E402
-from calib.fleet.cluster import local_workers  # noqa: E402
-from calib.fleet.discovery import discover  # noqa: E402
-from calib.fleet.run import run_fleet  # noqa: E402
-from calib.fleet.table import table_bytes  # noqa: E402
+from calib.extras.fleet.cluster import local_workers  # noqa: E402
+from calib.extras.fleet.discovery import discover  # noqa: E402
+from calib.extras.fleet.run import run_fleet  # noqa: E402
+from calib.extras.fleet.table import table_bytes  # noqa: E402
 from calib.scans.scan import Scan, load_scan, write_scan  # noqa: E402
 from calib.simulation.measured_dataset import write_simulation  # noqa: E402
 from calib.simulation.simulate import simulate_dataset  # noqa: E402

@@ -42,16 +42,16 @@ from calib.dataset.dataset import About  # noqa: E402
 from calib.dataset.files.folder import write_dataset  # noqa: E402
 from calib.dataset.files.robot_toml import builtin_robot  # noqa: E402
 from calib.errors import CalibError  # noqa: E402
-from calib.fleet.cluster import cluster_workers  # noqa: E402
-from calib.fleet.discovery import discover  # noqa: E402
-from calib.fleet.drift import Drift  # noqa: E402
-from calib.fleet.result import Fleet  # noqa: E402
-from calib.fleet.row import Row  # noqa: E402
-from calib.fleet.run import run_fleet  # noqa: E402
-from calib.fleet.shared_causes import shared_causes  # noqa: E402
-from calib.fleet.table import table_bytes  # noqa: E402
+from calib.extras.fleet.cluster import cluster_workers  # noqa: E402
+from calib.extras.fleet.discovery import discover  # noqa: E402
+from calib.extras.fleet.drift import Drift  # noqa: E402
+from calib.extras.fleet.result import Fleet  # noqa: E402
+from calib.extras.fleet.row import Row  # noqa: E402
+from calib.extras.fleet.run import run_fleet  # noqa: E402
+from calib.extras.fleet.shared_causes import shared_causes  # noqa: E402
+from calib.extras.fleet.table import table_bytes  # noqa: E402
 from calib.simulation.simulate import simulate_dataset  # noqa: E402
-from inspector.report.fleet_page import fleet_html  # noqa: E402
+from inspector.extras.fleet.fleet_page import fleet_html  # noqa: E402
 
 UP_S = 60.0
 

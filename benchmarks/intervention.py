@@ -26,8 +26,8 @@ import numpy as np
 from simulated import NOISE_MM
 
 from calib.array_types import Array
-from calib.planning.proof_plan import yielding_pairs
-from calib.planning.simulated_pairs import ConditionChange, PairCell
+from calib.extras.proof_plan.proof_plan import yielding_pairs
+from calib.extras.proof_plan.simulated_pairs import ConditionChange, PairCell
 from calib.planning.start import FromRobot
 from calib.workcell.known_cell import workcell_of_robot
 from tests.support.engine.cell import Cell

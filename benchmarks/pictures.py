@@ -104,7 +104,7 @@ def tabs(out: Path) -> None:
     folder = out / "tabs"
     folder.mkdir(exist_ok=True)
     for dataset, look, width, height in LOOKS:
-        names = [tab.name for tab in TABS.values() if dataset != "rb5_jang" or tab.step == "Measure"]
+        names = [tab.name for tab in TABS if dataset != "rb5_jang" or tab.step == "Measure"]
         with page_of(dataset, width, height, scheme="dark" if look == "dark" else "light") as page:
             if dataset != "rb5_jang":
                 page.get_by_role("button", name=FIND, exact=True).click()

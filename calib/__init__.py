@@ -36,7 +36,6 @@ _NAMES = {
     "calib.kinematics.robot": ("Robot",),
     "calib.models.fitted_model": ("FittedModel",),
     "calib.models.model_file": ("load_model", "save_model"),
-    "calib.monitoring.watch": ("ChangeReport", "watch"),
     "calib.noise_shape": ("NoiseShape",),
     "calib.options": ("FitOptions",),
     "calib.planning.plan": ("Plan", "plan"),

@@ -30,8 +30,6 @@ from calib.kinematics.robot import Robot as Robot
 from calib.models.fitted_model import FittedModel as FittedModel
 from calib.models.model_file import load_model as load_model
 from calib.models.model_file import save_model as save_model
-from calib.monitoring.watch import ChangeReport as ChangeReport
-from calib.monitoring.watch import watch as watch
 from calib.noise_shape import NoiseShape as NoiseShape
 from calib.options import FitOptions as FitOptions
 from calib.planning.plan import Plan as Plan

@@ -36,6 +36,13 @@ class PublicNames:
 
 
 @dataclass(frozen=True)
+class Presentations:
+    """Modules that register what they make of results, as those of `calib.present` do; see `calib.present.results`."""
+
+    modules: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class _Plugins:
     contributions: tuple[object, ...]  # in the order of the plug-ins' names
     left_out: tuple[str, ...]  # a line each

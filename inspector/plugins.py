@@ -1,4 +1,7 @@
-"""Kinds of what a plug-in brings to the commands and the page; `calib.plugins` tells how a plug-in is found."""
+"""Kinds of what a plug-in brings to the commands and the page; `calib.plugins` tells how a plug-in is found.
+
+A "place" is "module:name", imported when it is first used.
+"""
 
 from __future__ import annotations
 
@@ -34,6 +37,45 @@ class PipExtra:
 
     name: str
     modules: tuple[str, ...]  # as they are imported
+
+
+@dataclass(frozen=True)
+class Tab:
+    """A tab of the page, with its panel and what works for it."""
+
+    step: str  # of the work, to which the tab belongs: "Measure", "Model", "Learn", "Take away"
+    name: str  # that of the step where the step is a single tab
+    order: int  # among the tabs of its step, which have 10, 20, 30 ...
+    panel: str = ""  # place of a class that takes (gui, actions); "" for the page's own, whose class is known
+    controller: str = ""  # place of a `TabController` (`inspector.app.page.tab_controller`), if the panel needs one
+    view: str = ""  # what the 3D view shows once the tab is opened; "" leaves the view as it is
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Functions that draw results, as `inspector.figures` offers them and blocks of `calib.present` name them."""
+
+    module: str
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Download:
+    """A file of the tab Take away."""
+
+    group: str  # heading that it stands under: "Report", "Robot", "Data", "Session", or one of its own
+    name: str  # on the button
+    holds: str  # a sentence on what is in it
+    make: str  # place of a function from `Asked` (`inspector.app.controllers.downloads`) to the file's name and bytes
+    icon: str = "download"  # of viser's, see `viser.Icon`
+    command: str = ""  # the same at the terminal
+
+
+@dataclass(frozen=True)
+class CalibrationStart:
+    """Something that a fit of `calibrate` may begin from, beside effects, a session or a model."""
+
+    start: str  # place of a function (options, dataset) to a `StartedFit` (`inspector.cli.calibrate_command`), or None
 
 
 def contributions(kind: type[Kind]) -> tuple[Kind, ...]:

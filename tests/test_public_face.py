@@ -209,7 +209,7 @@ def test_results_are_one_short_line_and_so_is_all_that_is_in_them(
         dataset, fit, found, found.fitted_model, fit.correct(dataset.poses.q[:2]), scan, calib.find_corner(scan),
         calib.find_corners(scans.leave_out(scans.poses.ids[1:])), calib.cross_validate(CELL, folds=2),
         calib.learning_curve(CELL, counts=[20, 40], repeats=1), calib.check(CELL), calib.compare(fit, CELL),
-        calib.watch(fit, CELL), calib.redundancy(CELL), calib.plan(fit, 2), calib.screen(fit),
+        calib.redundancy(CELL), calib.plan(fit, 2), calib.screen(fit),
         calib.repeat([calib.simulate_dataset("rb5", rng=seed, poses=20).dataset for seed in (0, 1)]),
         calib.simulate_dataset("rb5", rng=0, poses=9), calib.intersect_planes(np.eye(3), [1, 2, 3]),
     ]  # fmt: skip

@@ -16,13 +16,12 @@ from calib.planning.exchange import best_poses
 from calib.planning.offered_poses import under_conditions
 from calib.planning.outcome import Outcome, ParameterReason, PoseReason
 from calib.planning.prediction import Region
+from calib.planning.purpose import CALIBRATION
 from calib.planning.question import VARIANCE, VOLUME, Question, condensed, inverse
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
 from calib.workcell.pose_conditions import conditions_for
 
-CALIBRATION = "calibration"
-WATCH = "watch"  # check poses, see `calib.planning.watch_criterion`
 _NAMED = 3  # most parameters in a pose's reason
 _MIN_GAIN = 0.01  # share by which a pose lowers a parameter's sigma, below which the parameter is no reason for it
 _FAR_RAD, _FAR_MM = np.radians(25.0), 100.0  # distance from every measured pose in one joint, from which that is far
@@ -63,6 +62,16 @@ class DesignCriterion(Protocol):
         """Names of effects whose coefficients become unknowns in addition to those of the fit."""
         ...
 
+    @property
+    def is_own_dataset(self) -> bool:
+        """Whether the poses are a dataset of their own, whose first is its reference, not more of a measured one."""
+        ...
+
+    @property
+    def keeps_temperature(self) -> bool:
+        """Whether the poses keep a temperature that all share, as where it is what was changed."""
+        ...
+
     def prepared(self, start: Start, offered: Poses) -> Poses:
         """Candidate poses with the conditions (payload, temperature) under which they are to be measured."""
         ...
@@ -80,8 +89,20 @@ class DesignCriterion(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class PlanTask:
+    """What `calib.planning.plan.plan_poses` is to do for a purpose: how many poses from where, by which criterion."""
+
+    start: Start
+    count: int
+    criterion: DesignCriterion
+
+
 class BaseCriterion:
     """Base of criteria that take the candidates as offered and explain a pose by the parameters it determines."""
+
+    is_own_dataset: bool = False
+    keeps_temperature: bool = False
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
         """Candidate poses unchanged."""

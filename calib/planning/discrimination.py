@@ -35,8 +35,9 @@ from calib.planning.effect_hypotheses import (
     predict,
 )
 from calib.planning.offered_poses import OFFERED, offered_poses
-from calib.planning.proof_plan import WORTH_A_CHANGE, NextChange, next_change
+from calib.planning.purpose import SPLIT, purposes
 from calib.planning.unknowns import require_points
+from calib.plugins import load
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening
 
 NEXT_POSES = 5  # poses that are advised where effects are confounded
@@ -61,23 +62,33 @@ class NextPoses:
 
     discrimination: Discrimination | None  # None where no poses under the same conditions discriminate
     poses: tuple[DiscriminatingPose, ...]  # the largest separation first
-    change: NextChange | None = None  # of one condition, where that is likely to prove which hypothesis is true
+    change: object | None = None  # what tells more than such poses, where there is: a result to be presented
+    purpose: str = SPLIT  # word of `plan --for` that plans it
 
 
 def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
     """Next poses to measure, which tell effects that a diagnosis left confounded apart.
 
-    They discriminate between the first set of these effects, or prove one of them by a change of conditions. None where
-    no effects are confounded, or neither promises anything.
+    They discriminate between the first set of these effects, or are what a purpose of a plug-in advises. None where no
+    effects are confounded, or nothing promises anything.
     """
     points = diagnosis.calibration.dataset.points
     if points is not None and points.lengths is not None:  # poses are planned for points
         return None
     discrimination = _next_discrimination(diagnosis)
-    change = next_change(diagnosis, least=WORTH_A_CHANGE)
+    purpose, change = _advised(diagnosis)
     if discrimination is None:
-        return None if change is None else NextPoses(None, (), change)
-    return NextPoses(discrimination, commanded_poses(discrimination, diagnosis.calibration), change)
+        return None if change is None else NextPoses(None, (), change, purpose)
+    return NextPoses(discrimination, commanded_poses(discrimination, diagnosis.calibration), change, purpose)
+
+
+def _advised(diagnosis: Diagnosis) -> tuple[str, object | None]:
+    """First purpose that advises something else than poses that discriminate, and its advice; None without any."""
+    for purpose in purposes().values():
+        advice: object | None = load(purpose.advice)(diagnosis) if purpose.advice else None
+        if advice is not None:
+            return purpose.name, advice
+    return SPLIT, None
 
 
 def _next_discrimination(diagnosis: Diagnosis) -> Discrimination | None:

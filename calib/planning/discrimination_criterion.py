@@ -9,19 +9,18 @@ from calib.dataset.dataset import Poses
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import describe
 from calib.errors import CalibError
-from calib.planning.criterion import DesignProblem
+from calib.planning.criterion import BaseCriterion, DesignProblem, PlanTask
 from calib.planning.discrimination import ENOUGH_POWER, Discrimination, choose, evaluated
 from calib.planning.effect_hypotheses import HypothesisPredictions, HypothesisSet, hypothesis_sets, predict
 from calib.planning.offered_poses import under_conditions
 from calib.planning.outcome import DiscriminationOutcome, SeparationReason
+from calib.planning.purpose import FURTHER, SPLIT
 from calib.planning.start import FromFit, Start
 from calib.workcell.pose_conditions import PAYLOAD_KG, conditions_for
 
-SPLIT = "split"
-
 
 @dataclass(frozen=True, eq=False)
-class ForDiscrimination:
+class ForDiscrimination(BaseCriterion):
     """Criterion: discriminate between the hypotheses of one confounded set."""
 
     hypothesis_set: HypothesisSet
@@ -109,3 +108,9 @@ def for_confounded(diagnosis: Diagnosis, payload_kg: float | None = None) -> For
         f"dataset {name}: no pose discriminates between {', '.join(sets[0].names)}, which these data cannot test"
         + (f"; {would_help}" if would_help else "")
     )
+
+
+def task_of_confounded(diagnosis: Diagnosis, payload_kg: float | None, count: int | None) -> PlanTask:
+    """Poses that discriminate between effects left confounded by a diagnosis. Raises as `for_confounded`."""
+    criterion = for_confounded(diagnosis, payload_kg)
+    return PlanTask(criterion.start, FURTHER if count is None else count, criterion)

@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
-from calib.planning.simulated_pairs import Needed
 
-ChangeKey = tuple[str, int | None, str]  # `ChangeModel.key` of a change of the cell
+class PoseReason:
+    """Base of reasons for which a pose is planned; `calib.present.moves.plans.reason_told` tells each kind."""
+
+
+class Outcome:
+    """Base of what poses achieve beyond the predicted error; `calib.present.moves.plans.told` tells each kind."""
+
+
+@runtime_checkable
+class Discriminates(Protocol):
+    """An outcome by which it is told which of some hypotheses is true."""
+
+    @property
+    def power(self) -> float:
+        """Probability that it is told."""
+        ...
 
 
 @dataclass(frozen=True)
-class ParameterReason:
+class ParameterReason(PoseReason):
     """Reason for a pose: parameters that it determines better, and a joint taken far from its measured positions."""
 
     parameters: tuple[str, ...]  # without their symbols, the largest gain first
@@ -18,29 +33,10 @@ class ParameterReason:
 
 
 @dataclass(frozen=True)
-class ChangeReason:
-    """Reason for a check pose: changes of the cell that would be detected less well without it."""
-
-    changes: tuple[ChangeKey, ...]  # the largest loss first
-
-
-@dataclass(frozen=True)
-class SeparationReason:
+class SeparationReason(PoseReason):
     """Reason for a pose: the distance there between the predictions of the two least separated hypotheses."""
 
     separation_mm: float
-
-
-@dataclass(frozen=True)
-class PairReason:
-    """Reason for a pose: it is measured under a changed condition, at the joints of another one."""
-
-    again: str | None  # the pose measured before that it repeats; None where both are new
-    condition: str  # column of poses.csv
-    level: float | None  # its value; None for sides of approach
-
-
-PoseReason = ParameterReason | ChangeReason | SeparationReason | PairReason
 
 
 @dataclass(frozen=True)
@@ -54,7 +50,7 @@ class CoefficientSigma:
 
 
 @dataclass(frozen=True)
-class EffectOutcome:
+class EffectOutcome(Outcome):
     """Sigmas of the coefficients of suspected effects, and the conditions that the poses are measured under."""
 
     coefficients: tuple[CoefficientSigma, ...]  # in the model's order
@@ -63,27 +59,7 @@ class EffectOutcome:
 
 
 @dataclass(frozen=True)
-class DetectableChange:
-    """Least sizes of a usual change of the cell from which a verdict on it holds 19 times of 20."""
-
-    key: ChangeKey
-    unit: str
-    size: float | None  # something is found to have changed; None: no pose shows the change
-    scanner_free: bool  # whether it shows wherever the scanner stands
-    named: float | None  # it is named and no other change, though others may be said to be as likely; None: never
-    alone: float | None  # it is named, and nothing is said to be as likely; None: never
-    rival: ChangeKey | None  # the change that looks most like it
-
-
-@dataclass(frozen=True)
-class CheckOutcome:
-    """Usual changes of the cell that the planned check poses detect, with their detectable sizes."""
-
-    changes: tuple[DetectableChange, ...]
-
-
-@dataclass(frozen=True)
-class DiscriminationOutcome:
+class DiscriminationOutcome(Outcome):
     """Power with which the planned poses discriminate between hypotheses, and advice where it is low."""
 
     hypotheses: tuple[str, ...]
@@ -100,23 +76,3 @@ class DiscriminationOutcome:
     def power(self) -> float:
         """Probability that the planned poses discriminate the true hypothesis from all others."""
         return self.power_by_count[-1]
-
-
-@dataclass(frozen=True)
-class ProofOutcome:
-    """A change of one condition, and the probability that pairs of poses then prove which hypothesis is true."""
-
-    hypotheses: tuple[str, ...]
-    condition: str  # column of poses.csv; "approach" for those of all joints
-    before: float | None  # None for sides of approach
-    after: float | None
-    again: tuple[str, ...]  # measured poses to measure again; () where all are new
-    assumed: bool  # whether no column has the condition of the measured poses, which is taken for `before`
-    pairs: int
-    power: float
-    others: tuple[tuple[str, float | None, float | None, float], ...]
-    """Other conditions with their values before and after, and nearly the probability that changing these reaches."""
-    needed: tuple[Needed, ...] = ()  # what it takes to prove it more probably
-
-
-Outcome = EffectOutcome | CheckOutcome | DiscriminationOutcome | ProofOutcome

@@ -25,26 +25,23 @@ from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from calib.measurement.measured_dataset import asked_of, measured
 from calib.options import PLAN_CRITERIA, PLAN_REGIONS, FitFields, FitOptions, fit_options
-from calib.planning.criterion import CALIBRATION, WATCH, DesignCriterion, DesignProblem, ForCalibration
-from calib.planning.discrimination_criterion import SPLIT, for_confounded
+from calib.planning.criterion import DesignCriterion, DesignProblem, ForCalibration, PlanTask
 from calib.planning.effect_criterion import ForEffects
 from calib.planning.exchange import best_poses
-from calib.planning.outcome import DiscriminationOutcome, Outcome, PoseReason, ProofOutcome
+from calib.planning.outcome import Discriminates, Outcome, PoseReason
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
-from calib.planning.proof_criterion import PROVE, ForProof, for_proof, for_proof_of_robot
+from calib.planning.purpose import CALIBRATION, FURTHER, PlanPurpose, purposes
 from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
-from calib.planning.watch_criterion import CHECK_POSES, ForWatch
 from calib.planning.ways import Way, ways_to
+from calib.plugins import load
 from calib.presented import Presented
 from calib.robot_formats.robots import load_robot
 from calib.workcell.candidates import candidate_poses
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.order import clear_ways, order_poses
 
-FIRST_SET, FURTHER = 20, 5
-"""Numbers of poses to plan where none is given: for a robot that was never measured, and beyond a dataset."""
-PROOF_POSES = 40  # of a robot that was never measured: 20 pairs
+FIRST_SET = 20  # poses to plan for a robot that was never measured, where no number is given
 CANDIDATES = 800
 LEAST_ERROR = ForCalibration()
 _REGION = 300  # poses of a region that is drawn
@@ -100,7 +97,7 @@ class Plan(Presented):
     @property
     def power(self) -> float | None:
         """Probability that it is told which hypothesis is true; None for criteria without hypotheses."""
-        return self.outcome.power if isinstance(self.outcome, DiscriminationOutcome | ProofOutcome) else None
+        return self.outcome.power if isinstance(self.outcome, Discriminates) else None
 
     def _brief(self) -> str:
         error = f"predicted RMSE {self.now.geometry_mm:.3g} -> {self.then.geometry_mm:.3g} mm"
@@ -163,8 +160,7 @@ def plan_poses(
     then = predicted(problem.region, problem.information(chosen), unknowns.noise_dof, rng)
     reasons = criterion.reasons(problem, chosen)
     order = _order(problem, chosen)
-    is_proof = isinstance(criterion, ForProof)
-    planned = _to_measure(problem, chosen[order], own_dataset=criterion.name == WATCH, keep_temperature=is_proof)
+    planned = _to_measure(problem, chosen[order], criterion)
     if given is not None:
         kept = given.select(chosen[order])
         planned = replace(planned, q=kept.q, ids=kept.ids, scan_names=tuple(f"{pose_id}.ply" for pose_id in kept.ids))
@@ -285,24 +281,22 @@ def _order(problem: DesignProblem, chosen: IndexArray) -> IndexArray:
     return np.array(order, dtype=np.int64)
 
 
-def _to_measure(
-    problem: DesignProblem, rows: IndexArray, *, own_dataset: bool, keep_temperature: bool = False
-) -> Poses:
+def _to_measure(problem: DesignProblem, rows: IndexArray, criterion: DesignCriterion) -> Poses:
     """Chosen candidates with new names, and joints rounded to 0.001 deg or mm as a person would type them.
 
-    The first is the reference where the poses are a dataset of their own: from scratch, or `own_dataset` (check poses).
-    A temperature that all share is left out, unless it is to be kept.
+    The first is the reference where the poses are a dataset of their own. A temperature that all share is left out,
+    unless it is to be kept.
     """
     measured = problem.start.measured
     ids = new_ids(len(rows), () if measured is None else measured.ids)
     role = np.full(len(rows), "train", dtype="<U9")
-    if measured is None or own_dataset:
+    if measured is None or criterion.is_own_dataset:
         role[0] = "reference"
     poses = problem.candidates.select(rows)
     step = np.where(problem.start.dataset.robot.is_revolute, np.radians(_TYPED), _TYPED)
     poses = replace(poses, q=step * np.round(poses.q / step))
     temperature_c = poses.temperature_c
-    if not keep_temperature and temperature_c is not None and not np.ptp(temperature_c) > 0.0:
+    if not criterion.keeps_temperature and temperature_c is not None and not np.ptp(temperature_c) > 0.0:
         temperature_c = None  # irrelevant to these poses; the value measured then counts, as for the time
     poses = replace(poses, temperature_c=temperature_c, time_s=None)
     return replace(poses, ids=ids, role=role, scan_names=tuple(f"{pose_id}.ply" for pose_id in ids))
@@ -320,19 +314,23 @@ def new_ids(count: int, taken: Sequence[str]) -> tuple[str, ...]:
 
 
 def criterion_of(name: str, optimality: str = "I", *, payload_kg: float | None = None) -> DesignCriterion:
-    """Criterion for a name: "calibration", "watch", or effects separated by commas.
+    """Criterion for a name: a purpose that is planned for from any fit, or effects separated by commas.
 
-    Raises CalibError where the name is of none. "split" and "prove" take a diagnosis: `for_confounded`, `for_proof`.
+    Raises CalibError where the name is of none. Other purposes take a diagnosis: `task_of_diagnosis`.
     """
     if optimality not in PLAN_CRITERIA:
         raise CalibError(f"no criterion {optimality!r}; there are {' and '.join(PLAN_CRITERIA)}")
     names = tuple(dict.fromkeys(part.strip() for part in name.split(",") if part.strip()))
-    if len(names) == 1 and names[0] in (CALIBRATION, WATCH):
+    of_any_fit = {purpose.name: purpose.criterion for purpose in purposes().values() if purpose.criterion}
+    if len(names) == 1 and names[0] in of_any_fit:
         if payload_kg is not None:
             raise CalibError(f"--payload-kg is for effects that a load shows; --for {name} is planned without")
-        return ForWatch() if names[0] == WATCH else ForCalibration(optimality)
-    if not names or {CALIBRATION, WATCH} & set(names):
-        raise CalibError(f"--for {name}: give {CALIBRATION}, {WATCH}, or effects with commas between")
+        if names[0] == CALIBRATION:
+            return ForCalibration(optimality)
+        criterion: DesignCriterion = load(of_any_fit[names[0]])()
+        return criterion
+    if not names or of_any_fit.keys() & set(names):
+        raise CalibError(f"--for {name}: give {', '.join(of_any_fit)}, or effects with commas between")
     if optimality != PLAN_CRITERIA[0]:
         raise CalibError(f"--criterion {optimality} is of a calibration; leave it out with --for {name}")
     return ForEffects(names, payload_kg)
@@ -359,11 +357,10 @@ def plan(
 
     Args:
         known: a calibration or diagnosis, a dataset or its folder, or a robot, its file or its name.
-        count: number of poses; None: 20 for a robot, 8 check poses, to prove as many as it takes, else 5.
+        count: number of poses; None: 20 for a robot, else 5, or what the purpose takes.
         options: options of the fit of a dataset or robot.
-        purpose: "calibration", "watch" (check poses), "split" (effects that a diagnosis left confounded), "prove" (one
-            of them, by changing a condition; of a robot, what gives way under a payload), or names of effects with
-            commas between.
+        purpose: "calibration", "split" (effects that a diagnosis left confounded), one that a plug-in brings ("watch",
+            check poses; "prove", a cause by changing a condition), or names of effects with commas between.
         criterion: "I" (least error over the region) or "D" (best known parameters), for a calibration.
         region: poses at which the error is predicted: "auto", "test", "measurable" or "all", see `plan_poses`.
         effects: effects that the model of a dataset has; the diagnosis is then left out.
@@ -388,42 +385,57 @@ def plan(
     else:
         options = fit_options(options, keywords)
     scanner = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)
-    start: FromFit | FromRobot
-    design = None if purpose in (SPLIT, PROVE) else criterion_of(purpose, criterion, payload_kg=payload_kg)
+    asked = purposes().get(purpose)
+    design = None if asked and asked.of_diagnosis else criterion_of(purpose, criterion, payload_kg=payload_kg)
     if isinstance(known, Dataset):
         known = measured(known, orientation=options.residual == "pose")
-    if purpose == PROVE:
-        if isinstance(known, Diagnosis | Dataset):
-            proof = for_proof(_diagnosed(known, options, effects, user_effects, on_step), payload_kg, count)
-        elif isinstance(known, FittedResult):
-            raise CalibError(f'purpose "{PROVE}" is for effects left confounded by a diagnosis; give one, or a dataset')
+    robot = None
+    if not isinstance(known, Dataset | FittedResult):
+        robot = FromRobot(workcell_of_robot(load_robot(known), base_T_scanner=scanner), noise_mm, options)
+    if asked and design is None:
+        if robot is not None and asked.of_robot:
+            task = task_of_robot(asked, robot, count, payload_kg, seed)
         else:
-            cell = workcell_of_robot(load_robot(known), base_T_scanner=scanner)
-            proof = for_proof_of_robot(FromRobot(cell, noise_mm, options), count or PROOF_POSES, payload_kg, seed)
-        return plan_poses(
-            proof.start, proof.count, criterion=proof, region=region, user_effects=user_effects, seed=seed
-        )
-    if design is None:
-        design = for_confounded(_diagnosed(known, options, effects, user_effects, on_step), payload_kg)
-        start, usual = design.start, FURTHER
+            known = _diagnosed(known, asked, options, effects, user_effects, on_step)
+            task = task_of_diagnosis(asked, known, count, payload_kg)
     else:
-        usual = CHECK_POSES if purpose == WATCH else FURTHER
-        if isinstance(known, FittedResult):
+        assert design is not None
+        usual = FURTHER if asked is None else asked.usual_count
+        start: FromFit | FromRobot
+        if robot is not None:
+            start, usual = robot, FIRST_SET
+        elif isinstance(known, FittedResult):
             start = FromFit(known.calibration, scanner)
-        elif isinstance(known, Dataset):
+        else:
+            assert isinstance(known, Dataset)
             start = start_of_dataset(
                 known, options, effects=effects, user_effects=user_effects, base_T_scanner=scanner, on_step=on_step
             )
-        else:
-            cell = workcell_of_robot(load_robot(known), base_T_scanner=scanner)
-            start, usual = FromRobot(cell, noise_mm, options), FIRST_SET
+        task = PlanTask(start, usual if count is None else count, design)
     return plan_poses(
-        start, usual if count is None else count, criterion=design, region=region, user_effects=user_effects, seed=seed
+        task.start, task.count, criterion=task.criterion, region=region, user_effects=user_effects, seed=seed
     )
+
+
+def task_of_diagnosis(
+    purpose: PlanPurpose, diagnosis: Diagnosis, count: int | None, payload_kg: float | None
+) -> PlanTask:
+    """Poses that serve a purpose after a diagnosis; `count` None leaves their number to it."""
+    task: PlanTask = load(purpose.of_diagnosis)(diagnosis, payload_kg, count)
+    return task
+
+
+def task_of_robot(
+    purpose: PlanPurpose, robot: FromRobot, count: int | None, payload_kg: float | None, seed: int
+) -> PlanTask:
+    """Poses that serve a purpose for an arm that was never measured; `count` None leaves their number to it."""
+    task: PlanTask = load(purpose.of_robot)(robot, count, payload_kg, seed)
+    return task
 
 
 def _diagnosed(
     known: FittedResult | Dataset | Robot | str | Path,
+    purpose: PlanPurpose,
     options: FitOptions,
     effects: EffectChoice | Sequence[EffectChoice],
     user_effects: Sequence[Family],
@@ -434,4 +446,6 @@ def _diagnosed(
         return known
     if isinstance(known, Dataset):
         return diagnose(known, options, effects=effects, user_effects=user_effects, on_step=on_step)
-    raise CalibError(f'purpose "{SPLIT}" is for effects left confounded by a diagnosis; give a diagnosis or a dataset')
+    raise CalibError(
+        f'purpose "{purpose.name}" is for effects left confounded by a diagnosis; give a diagnosis or a dataset'
+    )

@@ -27,14 +27,6 @@ def role(name: str) -> str:
     return ROLES.get(name, name)
 
 
-def change(what: str, joint: int | None, parameter: str = "") -> str:
-    """Name of a kind of change of a cell: "zero of joint 3", "length a2", "tool"."""
-    if parameter and what in ("length", "angle"):
-        return f"{what} {parameter}"
-    noun = "zero" if what == "joint_zero" else what
-    return noun if joint is None else f"{noun} of joint {joint}"
-
-
 def parameter(name: str) -> Span:
     """Short name of a parameter; for a parameter in a joint's row of the table, as a reference to the joint."""
     of_joint = _OF_JOINT.fullmatch(name)

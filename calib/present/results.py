@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.lazy_modules import is_frame
+from calib.plugins import Presentations, contributions
 from calib.rendering import blocks
 from calib.rendering import text as blocks_text
 from calib.rendering.blocks import Presentation
@@ -27,16 +28,17 @@ _ROOMS = {
     "": ("origins",),
     "fit.": ("calibration", "corners", "dataset", "redundancy", "validation"),
     "cause.": ("diagnosis",),
-    "over_time.": ("arm_types", "campaign", "changes", "checks", "comparison", "fleets", "recurrence"),
+    "over_time.": ("checks", "comparison", "recurrence"),
     "moves.": ("correction", "plans"),
 }
 _MAKERS = tuple(f"calib.present.{room}{name}" for room, names in _ROOMS.items() for name in names)
 """Modules that register what they make of a result; whoever tells of one kind has loaded its module alone."""
 
 
-def _loads_makers() -> bool:
-    """Load all modules that make presentations and documents; whether any was not loaded yet."""
-    missing = [name for name in _MAKERS if name not in sys.modules]
+def loads_makers() -> bool:
+    """Load all modules that make presentations and documents, plug-ins' too; whether any was not loaded yet."""
+    brought = [name for each in contributions(Presentations) for name in each.modules]
+    missing = [name for name in (*_MAKERS, *brought) if name not in sys.modules]
     for name in missing:
         import_module(name)
     return bool(missing)
@@ -45,7 +47,7 @@ def _loads_makers() -> bool:
 @singledispatch
 def presentation(result: object) -> Presentation:
     """Presentation of a result as blocks."""
-    if _loads_makers():
+    if loads_makers():
         return presentation(result)
     raise TypeError(f"nothing is told of a {type(result).__name__}")
 
@@ -57,7 +59,7 @@ def document(result: object) -> Mapping[str, Any]:
     A dataclass is the document of its fields. A field's metadata may give its key (`key="name"`), or keep it out
     (`key=None`).
     """
-    if _loads_makers():
+    if loads_makers():
         return document(result)
     if not is_dataclass(result):
         raise TypeError(f"a {type(result).__name__} has no document")
@@ -92,10 +94,15 @@ def nested(value: object) -> object:
     return value
 
 
+def statement(result: object) -> blocks.Words:
+    """Most important statement on a result, in a sentence or two: the first verdict of its presentation."""
+    return next(block.words for block in presentation(result).head if isinstance(block, blocks.Verdict))
+
+
 @singledispatch
 def headline(result: object) -> str:
-    """Most important statement on a result, in a sentence or two: the first verdict of its presentation."""
-    return next(blocks.plain(block.words) for block in presentation(result).head if isinstance(block, blocks.Verdict))
+    """Most important statement on a result as plain text."""
+    return blocks.plain(statement(result))
 
 
 def summary(result: object) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import calib
 from calib.dataset.dataset import About
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.monitoring.watch import watch
+from calib.extras.watch.watch import watch
 from calib.simulation.truth.order_effects import JointStep
 from inspector import figures
 

@@ -16,20 +16,20 @@ import viser
 
 from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
+from calib.plugins import load
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.imports import Imports
-from inspector.app.controllers.live_controller import LiveController
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
-from inspector.app.controllers.watch_controller import WatchController
 from inspector.app.page.dataset_list import has_scans, names_of
 from inspector.app.page.page_state import PageState
 from inspector.app.page.playback import Playback
-from inspector.app.page.tabs import VIEW_OF_TAB, add_panels
+from inspector.app.page.tab_controller import Page, TabController
+from inspector.app.page.tabs import CONTRIBUTED, VIEW_OF_TAB, add_panels
 from inspector.panels.input_checks import whole_number
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
@@ -80,11 +80,11 @@ class App:
         self.dataset = DatasetController(named, self.state, scans, panels, self.stage, self.model, on_open=self._opened)
         self.side_by_side = SideBySideController(named, self.state, panels.side_by_side)
         self.planning = PlanController(self.state, self.stage.scene, panels.plan)
-        self.watching = WatchController(named, self.state, panels.watch)
-        self.live = LiveController(
-            named, self.state, panels.live, lambda: None if self.worker.running("live") else self._look_live()
-        )
         self.worker = Worker(self._failed)
+        page = Page(named, self.state, self.worker)
+        self.contributed: dict[str, TabController] = {
+            tab.name: load(tab.controller)(page, panels.contributed[tab.name]) for tab in CONTRIBUTED if tab.controller
+        }
         self._playback = Playback(
             panels.review.timeline, times=self._times, wanted=lambda: self._wanted,
             select=self.select, drawing=lambda: self.worker.running("select"),
@@ -124,8 +124,8 @@ class App:
         self.model.close()
         self.side_by_side.close()
         self.planning.close()
-        self.watching.close()
-        self.live.close()
+        for controller in self.contributed.values():
+            controller.close()
         self.server.stop()
 
     def _failed(self, key: Hashable, error: Exception) -> None:
@@ -148,13 +148,6 @@ class App:
     def open_again(self) -> None:
         """Read the dataset on show again from its folder."""
         self.worker.submit("open", lambda: self.dataset.open(self.state.name, again=True))
-
-    def follow_folder(self, on: bool) -> None:
-        """Follow the folder of the dataset on show while it is filled, or end that."""
-        self.worker.submit("follow folder", lambda: self.live.switch(on))
-
-    def _look_live(self) -> None:
-        self.worker.submit("live", self.live.show)
 
     def _imported(self, folder: Path, saved: Saved | None) -> None:
         """Add a dataset that was just written to the list, and open it, with the session that came with it."""
@@ -179,17 +172,23 @@ class App:
         with self._asking:
             self._wanted = 0  # another dataset starts at its first pose
         self._playback.stop()
-        self.live.opened()
-        self.beside()
-        self.show_plan()
+        for controller in self.contributed.values():
+            controller.opened()
+        self._follow_model()
         saved = self.model.saved.get(self.state.name)
         if saved is not None:
             self._show_again(saved.shown)
 
     def _draw_model(self, first: bool) -> None:
         self.stage.draw_model(first)
+        self._follow_model()
+
+    def _follow_model(self) -> None:
+        """Update what is computed from the model on show, once it is drawn."""
         self.beside()
         self.show_plan()
+        for controller in self.contributed.values():
+            controller.model_shown()
 
     def _show_again(self, shown: Shown) -> None:
         """Restore the selections of a saved session."""
@@ -334,15 +333,9 @@ class App:
         self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
 
     def beside(self) -> None:
-        """Compare the calibration on show with the chosen dataset or version, and update the later measurements."""
+        """Compare the calibration on show with the chosen dataset or version."""
         if self.state.view is not None:
             self.worker.submit("beside", self.side_by_side.show)
-            self.watch()
-
-    def watch(self, forget: bool = False) -> None:
-        """Show the changes from the calibration on show to the chosen later datasets; `forget` clears the choice."""
-        if self.state.view is not None:
-            self.worker.submit("watch", lambda: self.watching.show(forget))
 
     def plan(self) -> None:
         """Plan poses as chosen in the tab Plan."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from calib.calibration.mount import camera_places
 from calib.calibration.plausibility import fit_without_outliers, implausibility_reason
@@ -18,11 +20,10 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
 from calib.errors import CalibError, FitError, visible
 from calib.fitting.observations import nominal_state
-from calib.fleet.arm_type import ArmType, PooledFit, fit_from_type
-from calib.fleet.type_file import load_type
 from calib.models.exported_table import ExportedTable, exported_table, require_template_of
 from calib.models.model_file import load_model
 from calib.models.refit import refit
+from calib.plugins import load as load_place
 from calib.present.fit.calibration import (
     calibration_document,
     calibration_head,
@@ -33,7 +34,7 @@ from calib.present.fit.calibration import (
     steps_document,
     table_document,
 )
-from calib.present.over_time.arm_types import pooled_block, pooled_document
+from calib.rendering.blocks import Block
 from calib.rendering.text import block_text
 from calib.robot_formats.calibrated_file import kept_template
 from calib.robot_formats.robot_form import forms_of, template_suffixes
@@ -44,6 +45,7 @@ from inspector.cli.options.fits import CalibrateOptions
 from inspector.cli.options.shared import WithAdding
 from inspector.cli.output_paths import check_outputs
 from inspector.export.csv_and_png import residuals_csv
+from inspector.plugins import CalibrationStart, contributions
 from inspector.session.session import Session
 from inspector.session.session_file import session_text
 from inspector.session.transitions import with_steps
@@ -70,6 +72,15 @@ def fitted(options: WithAdding, dataset: Dataset) -> tuple[FitStep, ...]:
     return add_in_turn(dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects)
 
 
+@dataclass(frozen=True)
+class StartedFit:
+    """A fit that began from something else than the nominal robot and effects by their names."""
+
+    calibration: Calibration
+    document: Mapping[str, Any]  # further keys of `--json`
+    told: Block
+
+
 def run_calibrate(options: CalibrateOptions) -> int:
     """Fit a dataset, and write the calibrated table, the model and other files."""
     dataset = load(options.path, options.leave_out, options.finder)
@@ -80,8 +91,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
     templates = _templates(options, dataset)
     dataset = measured(dataset, options.residual)
-    arm_type = None if options.type is None else load_type(options.type, dataset.robot)
-    began = None if arm_type is None else _from_type(options, dataset, arm_type)
+    began = _started(options, dataset)
     steps = _steps(options, dataset) if began is None else (first_step(began.calibration),)
     result = steps[-1].calibration
     table = _table(options, steps)
@@ -99,9 +109,9 @@ def run_calibrate(options: CalibrateOptions) -> int:
         document[key] = {"changed": robot_file.changed, "left_out": table.left_out, "notes": robot_file.notes}
     document["warnings"] = [*document["warnings"], *filter(None, [hint])]
     text = "\n".join(filter(None, [_calibration_text(steps, table), hint, said]))
-    if began is not None and arm_type is not None:
-        document["type"] = pooled_document(began, arm_type)
-        text += "\n" + block_text(pooled_block(began, arm_type))
+    if began is not None:
+        document |= began.document
+        text += "\n" + block_text(began.told)
     contents: dict[Path, str | bytes] = {path: file.content for path, file in robot_files.items()}
     if options.out is not None:
         contents[options.out] = table.to_toml()
@@ -172,16 +182,13 @@ def _steps(options: CalibrateOptions, dataset: Dataset) -> tuple[FitStep, ...]:
     return (first_step(refit(model, dataset, options.refit, options.fit_options())),)
 
 
-def _from_type(options: CalibrateOptions, dataset: Dataset, arm_type: ArmType) -> PooledFit:
-    """Fit that begins from the arm's type. Raises CalibError together with options that it has no use for."""
-    given = {
-        "--effect": options.effect, "--add": options.add, "--session": options.session, "--model": options.model,
-        "--no-prior": options.no_prior,
-    }  # fmt: skip
-    used = [name for name, value in given.items() if value]
-    if used:
-        raise CalibError(f"--type: effects and prior are those of the type; leave out {used[0]}")
-    return fit_from_type(dataset, arm_type, options.fit_options())
+def _started(options: CalibrateOptions, dataset: Dataset) -> StartedFit | None:
+    """Fit that begins from what a plug-in has to begin from; None where the options name nothing of that."""
+    for way in contributions(CalibrationStart):
+        started: StartedFit | None = load_place(way.start)(options, dataset)
+        if started is not None:
+            return started
+    return None
 
 
 def _table(options: CalibrateOptions, steps: Sequence[FitStep]) -> ExportedTable:

@@ -164,7 +164,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
 def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list[str]:
     """Line with the command that plans the next poses to measure; [] where no further poses are advised."""
     if poses is not None and poses.change is not None:
-        return [f"next: inspector plan {path} --for prove names the poses to measure again"]
+        return [f"next: inspector plan {path} --for {poses.purpose} names the poses to measure again"]
     if poses is not None:
         return [f"next: inspector plan {path} --for split plans the poses that settle it"]
     if result.verdict in ("adequate", "named") and result.held_out_beyond_noise is not None:

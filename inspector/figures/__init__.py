@@ -11,34 +11,13 @@ Plotly comes with the extra `page`; viser is not needed. The modules below take 
 
 from importlib import import_module
 
-_HOME = {
-    "added_variable": "inspector.figures.results.of_results",
-    "control_chart": "inspector.figures.results.of_results",
-    "convergence": "inspector.figures.results.of_results",
-    "error_bars": "inspector.figures.results.of_results",
-    "error_history": "inspector.figures.results.of_results",
-    "fleet_errors": "inspector.figures.results.of_results",
-    "learned_curves": "inspector.figures.results.of_results",
-    "learning_curve": "inspector.figures.results.of_results",
-    "moved_by_change": "inspector.figures.results.of_results",
-    "plan_curve": "inspector.figures.results.of_results",
-    "ranking": "inspector.figures.results.of_results",
-    "redundancy_heatmap": "inspector.figures.results.of_results",
-    "reprojection": "inspector.figures.results.of_results",
-    "residuals_over": "inspector.figures.results.of_results",
-    "series_chart": "inspector.figures.results.of_results",
-    "to_svg": "inspector.figures.results.still",
-    "where_measured": "inspector.figures.results.of_results",
-    "work_space": "inspector.figures.results.of_results",
-}
+from inspector.plugins import Figures, contributions
 
-__all__ = [
+_RESULTS = (
     "added_variable",
-    "control_chart",
     "convergence",
     "error_bars",
     "error_history",
-    "fleet_errors",
     "learned_curves",
     "learning_curve",
     "moved_by_change",
@@ -47,11 +26,16 @@ __all__ = [
     "redundancy_heatmap",
     "reprojection",
     "residuals_over",
-    "series_chart",
-    "to_svg",
     "where_measured",
     "work_space",
-]
+)
+_HOME = {
+    **dict.fromkeys(_RESULTS, "inspector.figures.results.of_results"),
+    **{name: brought.module for brought in contributions(Figures) for name in brought.names},
+    "to_svg": "inspector.figures.results.still",
+}
+
+__all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> object:

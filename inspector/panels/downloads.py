@@ -16,6 +16,7 @@ from calib.robot_formats.calibrated_file import kept_template
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD, DOUBT
 from inspector.panels.base import SECONDARY, Actions, FollowsModel
+from inspector.plugins import Download, contributions
 from inspector.session.view import View
 
 NOTE = "Each file is made when you press and goes to your browser's downloads; the server keeps nothing."
@@ -97,6 +98,11 @@ GROUPS: dict[str, dict[str, Item]] = {
         )
     },
 }  # fmt: skip
+CONTRIBUTED = {brought.name: brought for brought in contributions(Download)}
+for _brought in CONTRIBUTED.values():
+    GROUPS.setdefault(_brought.group, {})[_brought.name] = Item(
+        viser.IconName(_brought.icon), _brought.holds, _brought.command
+    )
 ITEMS = {name: item for group in GROUPS.values() for name, item in group.items()}
 PRIMARY = REPORT
 

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 from calib.array_types import Array
 from calib.errors import CalibError
-from calib.planning.criterion import CALIBRATION, WATCH
-from calib.planning.discrimination_criterion import SPLIT, for_confounded
-from calib.planning.plan import Plan, criterion_of, plan_poses
-from calib.planning.proof_criterion import PROVE, for_proof
+from calib.planning.plan import Plan, criterion_of, plan_poses, task_of_diagnosis
+from calib.planning.purpose import purposes
 from calib.planning.start import FromFit
 from inspector.session.session import Session
 
@@ -44,21 +42,21 @@ def aims_of(session: Session) -> tuple[str, ...]:
     ranked = session.screening.candidates if session.screening is not None else ()
     likely = [c.name for c in ranked if c.members and not c.family.sparse][:_LIKELIEST]
     inside = [effect.name for effect in session.effects if effect.members]
-    return ((SPLIT, PROVE) if is_open else ()) + (CALIBRATION, WATCH, *dict.fromkeys([*inside, *likely]))
+    of_open = [purpose.name for purpose in purposes().values() if purpose.of_diagnosis and is_open]
+    of_any_fit = [purpose.name for purpose in purposes().values() if purpose.criterion]
+    return (*of_open, *of_any_fit, *dict.fromkeys([*inside, *likely]))
 
 
 def planned_for(session: Session, aim: str, count: int, payload_kg: float | None) -> Planned:
     """Plan of the next poses for the model on show. Raises CalibError where none can be planned."""
     if session.calibration is None:
         raise CalibError(f"dataset {session.dataset.name}: calibrate first, then the next poses can be planned")
-    if aim in (SPLIT, PROVE):
+    purpose = purposes().get(aim)
+    if purpose is not None and purpose.of_diagnosis:
         if session.diagnosis is None:
             raise CalibError(f"dataset {session.dataset.name}: find what is missing first; nothing is open yet")
-        if aim == PROVE:
-            proof = for_proof(session.diagnosis, payload_kg, count)
-            return Planned(plan_poses(proof.start, proof.count, criterion=proof), session)
-        discrimination = for_confounded(session.diagnosis, payload_kg)
-        return Planned(plan_poses(discrimination.start, count, criterion=discrimination), session)
-    criterion = criterion_of(aim, payload_kg=None if aim in (CALIBRATION, WATCH) else payload_kg)
+        task = task_of_diagnosis(purpose, session.diagnosis, count, payload_kg)
+        return Planned(plan_poses(task.start, task.count, criterion=task.criterion), session)
+    criterion = criterion_of(aim, payload_kg=payload_kg if purpose is None else None)
     start = FromFit(session.calibration)
     return Planned(plan_poses(start, count, criterion=criterion, user_effects=session.user_effects), session)

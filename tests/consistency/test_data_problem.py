@@ -22,7 +22,6 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.frames import apply, make_transform, rotation_from_rotvec
 from calib.kinematics.robot import Joint, Robot, Tool
-from calib.monitoring.watch import watch
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.arm_sampling import SIMULATED_EFFECTS, Tolerances
 from inspector.cli.parser import main
@@ -249,26 +248,6 @@ SAMPLES = sorted((ROOT / "sample_data").glob("*/points.csv"))
 def test_right_data_of_real_and_sample_arms_are_right(path: Path) -> None:
     data = load_dataset(path.parent)
     assert suspicions(calibrate(data), calibrate).problem is None
-
-
-@pytest.mark.slow
-def test_a_sheet_of_check_poses_in_another_order_is_no_noise(tmp_path: Path) -> None:
-    base = calibrate(simulated("rb5", 5, poses=64))
-    new = simulated("rb5", 5, poses=64)
-    assert new.points is not None
-    some = np.arange(8)
-    new = replace(new, poses=new.poses.select(some), points=new.points.select(np.isin(new.points.pose, some)))
-    assert watch(base, new).data_problem is None
-    order = np.random.default_rng(0).permutation(8)
-    seen = watch(base, with_joints(new, new.poses.q[order]))
-    assert [(change.what, change.unit) for change in seen.changes] == [("pose_order", "poses")]
-    assert seen.verdict == "changed"
-    assert "belong to the joints of other rows" in seen.headline
-    seen = watch(base, turned(new, 3))
-    assert [(change.what, change.joint) for change in seen.changes] == [("joint_sign", 3)]
-    assert "negate column q3_deg" in seen.headline
-    seen = watch(base, with_points(new, 1e-3))
-    assert [change.what for change in seen.changes] == ["units"]
 
 
 @pytest.mark.parametrize("joints", [1, 2, 6])

@@ -13,10 +13,10 @@ from calib.corners.correlated_noise import likelihood, posterior
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.diagnosis import decision_rules, diagnose, learning, search_space, verdict
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
+from calib.extras.fleet import shared_causes
+from calib.extras.watch import change_tests, misfit, series
 from calib.fitting import robust, trust_region
-from calib.fleet import shared_causes
 from calib.identifiability import redundancy
-from calib.monitoring import change_tests, misfit, series
 from calib.planes import clustering, robust_fit
 from calib.planning import discrimination, prediction
 from calib.screening import (

@@ -16,7 +16,7 @@ from calib.planning.outcome import EffectOutcome, ParameterReason
 from calib.planning.plan import Plan, criterion_of, plan_poses
 from calib.planning.prediction import enough_poses
 from calib.planning.start import FromFit, FromRobot
-from calib.present.moves.plans import assumptions, outcome_sentences
+from calib.present.moves.plans import assumptions, told
 from calib.simulation.measured_dataset import measure
 from calib.simulation.pose_design import draw_scanner_pose, scan_poses
 from calib.simulation.truth.arm_sampling import draw_truth
@@ -111,7 +111,7 @@ def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromF
     assert for_it.poses.payload_kg is None
     assert isinstance(for_it.outcome, EffectOutcome)
     assert all(c.after < c.before for c in for_it.outcome.coefficients if ".J2." in c.name)
-    assert outcome_sentences(for_it)[0].startswith("sigma of joint_compliance.J")
+    assert told(for_it.outcome).sentences[0].startswith("sigma of joint_compliance.J")
     with pytest.raises(CalibError, match="joint_dent"):
         plan_poses(start, 5, candidates=100, criterion=ForEffects(("joint_dent",)))
 

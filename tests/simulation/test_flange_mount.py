@@ -11,13 +11,12 @@ import pytest
 from calib import frames
 from calib.calibration.calibrate import calibrate
 from calib.compensation.target_correction import corrected_joints
-from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.dataset import Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
-from calib.monitoring.watch import watch
 from calib.options import FitOptions
 from calib.planning.plan import plan_poses
 from calib.planning.start import FromFit, start_of_dataset
@@ -84,26 +83,6 @@ def test_a_saved_model_keeps_the_mount(tmp_path: Path) -> None:
     in_world = replace(MADE.dataset, robot=replace(RB5, carries_scanner=False))
     with pytest.raises(CalibError, match=r"\[scanner\] mount in its dataset.toml is not that of the model's dataset"):
         again.evaluate(in_world)
-
-
-def _later(truth: Truth, seed: int) -> Dataset:
-    rng = np.random.default_rng(seed)
-    return measure(RB5, truth, MADE.dataset.poses, rng=rng, name="later", noise_mm=0.01).dataset
-
-
-def test_a_jig_that_moved_is_told_from_the_arm_and_the_scanner() -> None:
-    assert MADE.truth.base_T_jig is not None
-    moved = MADE.truth.base_T_jig.copy()
-    moved[:3, 3] += [0.0, 0.3, 0.2]
-    first = calibrate(_later(MADE.truth, 5), effects=effects_named(MADE.dataset, ["joint_compliance"]))
-    assert watch(first, _later(MADE.truth, 6)).verdict == "unchanged"
-    later = _later(replace(MADE.truth, base_T_jig=moved), 7)
-    seen = watch(first, later)
-    assert [change.what for change in seen.changes] == ["jig"]
-    assert seen.changes[0].size == pytest.approx(np.hypot(0.3, 0.2), rel=0.05)
-    assert "jig (or the base) moved" in seen.headline
-    with pytest.raises(CalibError, match="its scanner is in the room, that of later on the flange"):
-        watch(first, replace(later, robot=replace(RB5, carries_scanner=False)))
 
 
 def test_an_effect_of_the_jigs_attitude_is_refused() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 from calib.dataset.dataset import About
 from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.fleet.row import EffectSize, Row
 from calib.simulation.simulate import simulate_dataset
 
 TOO_FEW = 4  # poses: no fit is tried, so that a dataset takes milliseconds
@@ -25,14 +24,3 @@ def write_cell(folder: Path, seed: int, poses: int = TOO_FEW, **about: str) -> P
     known = {key: about.pop(key) for key in ("serial", "site", "date") if key in about}
     write_dataset(replace(simulated, about=About(**known, extra=about)), folder)
     return folder
-
-
-def row(path: str, *, joint: int | None = None, effect: str = "joint_compliance", **values: object) -> Row:
-    """A fleet's row for one arm, with an effect on one joint where one is given."""
-    sizes = (EffectSize(effect, joint, f"{effect}.J{joint}.k_rad_per_nm", 2e-5, 1e-6, "rad/Nm", 0.4),)
-    told = {
-        "name": path, "serial": "", "site": "", "date": "", "about": {}, "robot": "RB5", "joints": 6, "poses": 30,
-        "points": 30, "passed": True, "verdict": "adequate" if joint is None else "named",
-        "missing": () if joint is None else (effect,), "sizes": () if joint is None else sizes,
-    }  # fmt: skip
-    return Row(path=path, **{**told, **values})  # type: ignore[arg-type]

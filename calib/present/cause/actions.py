@@ -15,11 +15,10 @@ from calib.effects.catalogue import descriptions
 from calib.models.exported_table import ExportedTable
 from calib.planning.discrimination import NextPoses
 from calib.present.cause.diagnosis import poses_to_measure
-from calib.present.cause.interventions import change_sentence
 from calib.present.effects import title
 from calib.present.fit import error_headline as headlines
+from calib.present.results import headline
 from calib.rendering import numbers
-from calib.rendering.blocks import plain
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 _AGAIN = 3  # poses to measure once more
@@ -97,7 +96,7 @@ def _to_measure(
     actions = []
     dataset, after = calibration.dataset, calibration.after
     if next_poses is not None and next_poses.change is not None:
-        actions.append(plain(change_sentence(next_poses.change)))
+        actions.append(headline(next_poses.change))
     if next_poses is not None and next_poses.discrimination is not None and next_poses.poses:
         poses = poses_to_measure(next_poses.poses[:_AGAIN], dataset.robot.is_revolute)
         open_causes = numbers.listing([title(key) for key in next_poses.discrimination.hypotheses], "from")

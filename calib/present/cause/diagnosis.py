@@ -25,8 +25,6 @@ from calib.planning.discrimination import DiscriminatingPose, NextPoses, next_po
 from calib.present.cause.budget import budget_blocks, budget_document
 from calib.present.cause.candidates import ranking, untestable_blocks
 from calib.present.cause.interventions import (
-    change_document,
-    change_sentence,
     intervention_sections,
     intervention_sentences,
     proven_document,
@@ -53,7 +51,7 @@ from calib.present.fit.promise import coverage_sentence, promise_document
 from calib.present.fit.redundancy import redundancy_section
 from calib.present.fit.residuals import residual_blocks, residuals_of
 from calib.present.names import input_name
-from calib.present.results import document, headline, presentation, to_dict
+from calib.present.results import document, headline, presentation, statement, to_dict
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -217,7 +215,7 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
     if diagnosis.undecided is not None and poses is not None and poses.discrimination is not None:
         words.append(_discriminating(diagnosis, poses))
     if poses is not None and poses.change is not None:
-        words.append(change_sentence(poses.change))
+        words.append(statement(poses.change))
     if diagnosis.refused is not None:
         words.append(refusal(diagnosis.refused))
     words.append(residual_tests(diagnosis.residual_tests))
@@ -549,7 +547,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         },
         "simpler": None,  # was a dent or a slip, which are effects now
         "measure_next": () if poses is None else poses.poses,
-        "prove_next": None if poses is None else change_document(poses.change),
+        "prove_next": None if poses is None else poses.change,
         "explanation": explanation(diagnosis, poses),
         "outside": last.outside,
         "learned": diagnosis.learned,

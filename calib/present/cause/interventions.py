@@ -9,7 +9,6 @@ from calib.diagnosis.result import Diagnosis
 from calib.intervention.joint_fit import JointFit
 from calib.intervention.pairs import APPROACH, PAYLOAD, SPEED
 from calib.intervention.proof import MIN_LEAD, Cause, Intervention, Proof
-from calib.planning.proof_plan import NextChange
 from calib.present.effects import title, with_key
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, FigurePlace, Paragraph, Section, Words, effect, joint, listed, spans
@@ -142,50 +141,6 @@ def _change(intervention: Intervention) -> str:
     if levels:
         return f"{intervention.conditions[0]} from {levels[0]} to {levels[-1]}"
     return f"changing {numbers.listing(intervention.conditions)} together"
-
-
-# ---- a change to make -----------------------------------------------------------------------------------------------
-
-
-def condition_change(condition: str, before: float | None, after: float | None) -> str:
-    """Instruction to change one condition: "hang 2 kg on the flange"."""
-    if condition == APPROACH:
-        return "come with every joint from the other side"
-    assert before is not None
-    assert after is not None
-    if condition == PAYLOAD:
-        return f"hang {after:.4g} kg on the flange" if not before else f"exchange {before:.4g} kg for {after:.4g} kg"
-    return f"wait until the arm is at {after:.0f} °C instead of {before:.0f} °C"
-
-
-def change_sentence(found: NextChange) -> Words:
-    """Sentence on the change of one condition that is likely to prove which of several effects is true."""
-    change = found.change
-    what = numbers.capitalised(condition_change(change.condition, change.before, change.after))
-    measured = (
-        f" and measure {numbers.count(found.pairs, 'pose')} again" if found.again else
-        f" between two measurements of {numbers.count(found.pairs, 'pose')}"
-    )  # fmt: skip
-    return spans(
-        f"{what}{measured}: with a probability of {numbers.share(found.probability)} their differences prove which of ",
-        listed([effect(name) for name in found.hypotheses], "or"),
-        " it is (inspector plan --for prove has the poses).",
-    )
-
-
-def change_document(found: NextChange | None) -> dict[str, Any] | None:
-    """JSON value of a change to make."""
-    if found is None:
-        return None
-    return {
-        "condition": found.change.condition,
-        "before": found.change.before,
-        "after": found.change.after,
-        "pairs": found.pairs,
-        "again": found.again,
-        "settles": found.probability,
-        "between": found.hypotheses,
-    }
 
 
 # ---- words and documents --------------------------------------------------------------------------------------------

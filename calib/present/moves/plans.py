@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -10,30 +12,20 @@ import numpy as np
 from calib.array_types import Array
 from calib.calibration.noise_level import check_sigma
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
-from calib.intervention.pairs import PAYLOAD
-from calib.monitoring.change_models import change_label
-from calib.planning.criterion import WATCH, ForCalibration
+from calib.planning.criterion import ForCalibration
 from calib.planning.outcome import (
-    ChangeReason,
-    CheckOutcome,
-    DetectableChange,
     DiscriminationOutcome,
     EffectOutcome,
     Outcome,
-    PairReason,
     ParameterReason,
     PoseReason,
-    ProofOutcome,
     SeparationReason,
 )
 from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP, Prediction
-from calib.planning.simulated_pairs import MOST_LOAD, MOST_PAIRS, Needed
 from calib.planning.start import FromFit, FromRobot
 from calib.planning.ways import passed, via_names
-from calib.present import names
-from calib.present.cause.interventions import condition_change
-from calib.present.results import document, presentation
+from calib.present.results import document, loads_makers, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -61,6 +53,37 @@ _CONDITIONS = {  # that poses are to be measured under
 _RANKS = "Rank 1 is the most informative; leave out the poses of the last ranks first."
 
 
+@dataclass(frozen=True)
+class Told:
+    """What is told of what planned poses achieve."""
+
+    aim: str = ""  # phrase for the headline: "to watch the cell"; "" where the criterion has it
+    of_error: bool = True  # whether the predicted error is told, too
+    blocks: Sequence[Block] = ()
+    sentences: Sequence[str] = ()
+    document: Mapping[str, Any] = field(default_factory=dict)  # keys of `--json`
+
+
+@dataclass(frozen=True)
+class ReasonTold:
+    """What is told of the reason for a pose."""
+
+    phrase: str
+    document: Mapping[str, Any] = field(default_factory=dict)  # keys of the pose in `--json`
+
+
+@singledispatch
+def told(outcome: Outcome | None) -> Told:
+    """What is told of an outcome, by its class."""
+    return told(outcome) if outcome is not None and loads_makers() else Told()
+
+
+@singledispatch
+def reason_told(reason: PoseReason) -> ReasonTold:
+    """What is told of the reason for a pose, by its class."""
+    return reason_told(reason) if loads_makers() else ReasonTold("")
+
+
 @presentation.register
 def _plan(plan: Plan) -> Presentation:
     assumed = assumptions(plan)
@@ -69,7 +92,7 @@ def _plan(plan: Plan) -> Presentation:
         plan_head(plan),
         [
             Section("The poses, in the order of measuring", pose_blocks(plan), brief=True),
-            *([] if plan.criterion.name == WATCH else [Section("More poses", [_error_by_count(plan)], brief=True)]),
+            *([Section("More poses", [_error_by_count(plan)], brief=True)] if told(plan.outcome).of_error else []),
             *([Section("What was assumed", [Bullets(assumed)], brief=True)] if assumed else []),
         ],
     )
@@ -79,11 +102,10 @@ def plan_head(plan: Plan) -> list[Block]:
     """Blocks with the purpose of the poses and their predicted gain."""
     unsure = plan.power is not None and plan.power < SURELY
     head: list[Block] = [Verdict(plan_headline(plan), DOUBT if unsure else GOOD)]
-    if isinstance(plan.outcome, CheckOutcome):
-        head += _promised(plan.outcome)
-    achieved = outcome_sentences(plan)
-    head += [Bullets(achieved)] if achieved else []
-    if plan.criterion.name == WATCH:
+    achieved = told(plan.outcome)
+    head += achieved.blocks
+    head += [Bullets(achieved.sentences)] if achieved.sentences else []
+    if not achieved.of_error:
         return head
     caption = "The predicted error by the number of new poses."
     return [*head, Facts(_predicted(plan)), FigurePlace("plan_curve", (plan,), caption, height_px=260)]
@@ -93,14 +115,13 @@ def plan_headline(plan: Plan) -> str:
     """Sentence with the number and purpose of the poses, and the predicted error or the power."""
     criterion, planned = plan.criterion, numbers.count(len(plan.poses), "pose")
     error = f"the predicted error falls {numbers.length_change(plan.now.geometry_mm, plan.then.geometry_mm)}"
-    if criterion.name == WATCH:
-        aim, error = "to watch the cell", ""
-    elif isinstance(plan.outcome, DiscriminationOutcome):
-        aim = f"to discriminate between {numbers.listing(plan.outcome.hypotheses)}"
-        error = f"the probability that they do is {numbers.share(plan.outcome.power)}"
-    elif isinstance(plan.outcome, ProofOutcome):
-        aim = f"to prove which is true of {numbers.listing(plan.outcome.hypotheses)}"
-        error = f"the probability that they do is {numbers.share(plan.outcome.power)}"
+    achieved = told(plan.outcome)
+    if plan.power is not None:
+        error = f"the probability that they do is {numbers.share(plan.power)}"
+    elif not achieved.of_error:
+        error = ""
+    if achieved.aim:
+        aim = achieved.aim
     elif isinstance(criterion, ForCalibration):
         at = f"to be right at {plan.region} (I-optimal)"
         aim = at if criterion.optimality == "I" else "to know the parameters (D-optimal)"
@@ -142,19 +163,15 @@ def _error_by_count(plan: Plan) -> Table:
 # ---- what the poses achieve -----------------------------------------------------------------------------------------
 
 
-def outcome_sentences(plan: Plan) -> list[str]:
-    """Sentences on what the poses achieve for the plan's purpose."""
-    match plan.outcome:
-        case EffectOutcome():
-            return [*_conditions(plan.outcome), *_coefficients(plan.outcome)]
-        case CheckOutcome():
-            return _detected(plan.outcome.changes)
-        case DiscriminationOutcome():
-            return _discriminated(plan.outcome)
-        case ProofOutcome():
-            return _proven(plan.outcome)
-        case None:
-            return []
+@told.register
+def _of_effects(outcome: EffectOutcome) -> Told:
+    return Told(sentences=[*_conditions(outcome), *_coefficients(outcome)])
+
+
+@told.register
+def _of_discrimination(outcome: DiscriminationOutcome) -> Told:
+    aim = f"to discriminate between {numbers.listing(outcome.hypotheses)}"
+    return Told(aim, sentences=_discriminated(outcome))
 
 
 def _conditions(outcome: EffectOutcome) -> list[str]:
@@ -178,39 +195,6 @@ def _coefficients(outcome: EffectOutcome) -> list[str]:
     return [*lines, *([f"{numbers.count(rest, 'further coefficient')} of {of} gain less or nothing"] if rest else [])]
 
 
-def _detected(changes: Sequence[DetectableChange]) -> list[str]:
-    fixed = [names.change(*c.key) for c in changes if c.size is not None and not c.scanner_free]
-    never = [names.change(*c.key) for c in changes if c.size is None]
-    turning = "seen only where the scanner did not move, since turning it looks the same"
-    return [
-        *([f"{turning}: {', '.join(fixed)}"] if fixed else []),
-        *([f"not found by any pose, as it hardly moves the target: {', '.join(never)}"] if never else []),
-        *(["each pose measured twice lowers the sizes by nearly a third, four times by a half"] if changes else []),
-    ]
-
-
-def _promised(outcome: CheckOutcome) -> list[Block]:
-    """Blocks with the sizes of changes that check poses find and name."""
-    rows = [
-        (
-            names.change(*c.key),
-            numbers.size(c.size, c.unit),
-            "never" if c.named is None else numbers.size(c.named, c.unit),
-            "never" if c.alone is None else numbers.size(c.alone, c.unit),
-            "–" if c.rival is None else names.change(*c.rival),
-        )
-        for c in outcome.changes
-        if c.size is not None
-    ]
-    words = (
-        "19 times of 20 a change is found from the first size on (something changed), named from the second (it and "
-        "no other), and named alone from the third (nothing else is said to be as likely), beside all that watch "
-        "tests; a shift of the tool is found in its worst direction, and named in one drawn at random."
-    )
-    head = ("change", "found from", "named from", "named alone from", "looks most like")
-    return [Table(head, rows, left=(0, 4)), Paragraph(words, soft=True)] if rows else []
-
-
 def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
     curve = ", ".join(f"{k}: {numbers.share(p)}" for k, p in enumerate(outcome.power_by_count) if k)
     lines = [
@@ -230,47 +214,6 @@ def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
         would = f"; {outcome.would_help}" if outcome.would_help else ""
         lines.append(f"no pose tells of {numbers.listing(outcome.untested)}, which these data cannot test{would}")
     return lines
-
-
-def _proven(outcome: ProofOutcome) -> list[str]:
-    what = condition_change(outcome.condition, outcome.before, outcome.after)
-    if outcome.again:
-        lines = [f"{what}, leave all else as it is, and measure {numbers.listing(outcome.again)} again, joints as then"]
-    else:
-        lines = [f"measure {outcome.pairs} poses, {what}, leave all else as it is, and measure the same poses again"]
-    if outcome.assumed:
-        level = f"{outcome.condition} {outcome.before:.4g}"
-        lines.append(f"no column has the condition of the poses measured so far: write {level} for them in poses.csv")
-    lines.append(
-        "where instrument or tool were moved since, that does no harm; the instrument then has a setup of its own"
-    )
-    lines += [
-        f"{numbers.share(power)} instead, if you {condition_change(condition, before, after)}"
-        for condition, before, after, power in outcome.others
-    ]
-    lines += [_takes(one, outcome) for one in outcome.needed if one.size_mm or one.probability > outcome.power]
-    if outcome.power < SURELY and not outcome.needed:
-        lines.append(
-            "the others stay open: more pairs (--add) or a heavier payload (--payload-kg) tell more"
-            if outcome.condition == PAYLOAD
-            else "the others stay open: more pairs (--add) tell more"
-        )
-    return lines
-
-
-def _takes(needed: Needed, outcome: ProofOutcome) -> str:
-    """Phrase on what it takes to prove a cause with some probability."""
-    most = "more poses than were measured" if outcome.again else f"more than {MOST_PAIRS} pairs"
-    pairs = most if needed.pairs is None else numbers.count(needed.pairs, "pair")
-    of = ""
-    if needed.size_mm is not None:
-        of = f" for a part that moves the tool by {numbers.length(needed.size_mm)} under 2 kg"
-    words = f"{numbers.share(needed.probability)}{of} take {pairs}"
-    if outcome.condition != PAYLOAD or outcome.after is None:
-        return words
-    if needed.payload_kg is None:
-        return f"{words}; with these pairs no payload up to {MOST_LOAD * outcome.after:.3g} kg is enough"
-    return f"{words}, or {needed.payload_kg:.2g} kg with these pairs"
 
 
 # ---- the poses ------------------------------------------------------------------------------------------------------
@@ -306,7 +249,7 @@ def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -
         columns.append(("approach", signs))
     if not compact:
         columns.append(("rank", list(map(str, plan.ranks))))
-    columns.append(("determines best", [reason_phrase(reason) for reason in plan.reasons]))
+    columns.append(("determines best", [reason_told(reason).phrase for reason in plan.reasons]))
     last = len(columns) - 1
     return Table(
         [name for name, _ in columns],
@@ -317,19 +260,15 @@ def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -
     )
 
 
-def reason_phrase(reason: PoseReason) -> str:
-    """Phrase with the reason why a pose was chosen."""
-    match reason:
-        case ParameterReason():
-            far = "" if reason.far_joint is None else f"joint {reason.far_joint} far from what was measured: "
-            return f"{far}{', '.join(reason.parameters) or 'a little of everything'}"
-        case ChangeReason():
-            return ", ".join(names.change(*key) for key in reason.changes) or "a little of everything"
-        case PairReason():
-            level = "from the other side" if reason.level is None else f"{reason.condition} {reason.level:.4g}"
-            return level if reason.again is None else f"{reason.again} again, {level}"
-        case SeparationReason():
-            return f"the hypotheses differ by {numbers.length(reason.separation_mm)} here, refitted"
+@reason_told.register
+def _by_parameters(reason: ParameterReason) -> ReasonTold:
+    far = "" if reason.far_joint is None else f"joint {reason.far_joint} far from what was measured: "
+    return ReasonTold(f"{far}{', '.join(reason.parameters) or 'a little of everything'}")
+
+
+@reason_told.register
+def _by_separation(reason: SeparationReason) -> ReasonTold:
+    return ReasonTold(f"the hypotheses differ by {numbers.length(reason.separation_mm)} here, refitted")
 
 
 # ---- what was assumed -----------------------------------------------------------------------------------------------
@@ -401,12 +340,13 @@ def _of_fit(start: FromFit) -> list[str]:
 def _plan_document(plan: Plan) -> dict[str, Any]:
     robot = plan.start.dataset.robot
     columns = joint_columns(robot)
-    each = zip(poses_frame(plan.poses, robot).to_dict("records"), plan.reasons, plan.ranks, strict=True)
+    reasons = map(reason_told, plan.reasons)
+    each = zip(poses_frame(plan.poses, robot).to_dict("records"), reasons, plan.ranks, strict=True)
     return {
         "poses": [
             {
                 "pose": row["pose"], "role": row["role"], "q": [row[name] for name in columns],
-                "why": reason_phrase(reason), "worth": worth, **_again_document(reason),
+                "why": reason.phrase, "worth": worth, **reason.document,
                 **{str(name): value for name, value in row.items() if name not in ("pose", "role", *columns)},
             }
             for row, reason, worth in each
@@ -420,11 +360,11 @@ def _plan_document(plan: Plan) -> dict[str, Any]:
         "curve_mm": plan.curve_mm,
         "enough": plan.enough,
         "settles": plan.power,
-        **_change_document(plan.outcome),
+        **told(plan.outcome).document,
         "ways": _ways_document(plan),
         "shots": 1,  # every pose is measured once
         "model": plan.model,
-        "told": outcome_sentences(plan),
+        "told": told(plan.outcome).sentences,
         "notes": assumptions(plan),
     }  # fmt: skip
 
@@ -447,27 +387,6 @@ def _ways_document(plan: Plan) -> list[dict[str, Any]]:
         }
         for name, way in zip(plan.poses.ids, plan.ways, strict=True)
     ]
-
-
-def _again_document(reason: PoseReason) -> dict[str, Any]:
-    return {"again": reason.again} if isinstance(reason, PairReason) else {}
-
-
-def _change_document(outcome: Outcome | None) -> dict[str, Any]:
-    if isinstance(outcome, CheckOutcome):
-        return {
-            "check": [
-                {
-                    "what": c.key[0], "joint": c.key[1], "unit": c.unit, "found_from": c.size, "named_from": c.named,
-                    "alone_from": c.alone, "rival": None if c.rival is None else change_label(*c.rival),
-                }
-                for c in outcome.changes
-            ]
-        }  # fmt: skip
-    if not isinstance(outcome, ProofOutcome):
-        return {}
-    change = {"condition": outcome.condition, "before": outcome.before, "after": outcome.after}
-    return {"change": change, "hypotheses": outcome.hypotheses, "pairs": outcome.pairs, "needed": outcome.needed}
 
 
 def _band(prediction: Prediction) -> list[float]:

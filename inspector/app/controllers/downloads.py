@@ -12,10 +12,12 @@ import viser
 from calib.calibration.result import Calibration
 from calib.errors import CalibError, DatasetError
 from calib.models.exported_table import ExportedTable, exported_table
+from calib.plugins import load
 from calib.robot_formats.calibrated_file import kept_template
 from inspector.app.page.page_state import PageState
 from inspector.export import csv_and_png as exports
 from inspector.panels.downloads import (
+    CONTRIBUTED,
     ITEMS,
     MODEL,
     OWN_FILE,
@@ -105,12 +107,18 @@ class Downloads:
             if what == SCREENSHOT:
                 made = yield from self._pictures.run(lambda: _screenshot(asked, client))
             else:
-                made = yield from self._files.run(lambda: MAKERS[what](asked))
+                made = yield from self._files.run(lambda: _made(what, asked))
         finally:
             self._panel.say("")
         assert made is not None
         name, content = made
         client.send_file_download(exports.file_name(asked.session.dataset.name, name), content, save_immediately=True)
+
+
+def _made(what: str, asked: Asked) -> tuple[str, bytes]:
+    """Name and bytes of a file; what a plug-in brings is made by its own function."""
+    maker: Callable[[Asked], tuple[str, bytes]] = load(CONTRIBUTED[what].make) if what in CONTRIBUTED else MAKERS[what]
+    return maker(asked)
 
 
 def _report(asked: Asked) -> tuple[str, bytes]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import viser
 
 from calib.errors import CalibError
-from calib.planning.discrimination_criterion import SPLIT
+from calib.planning.purpose import SPLIT
 from calib.robot_formats.measuring_program import MeasuringOptions
 from inspector.app.page.page_state import PageState
 from inspector.export.plan_files import planned_file, planned_program

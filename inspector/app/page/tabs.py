@@ -5,11 +5,14 @@ Each step has its own tabs, so that two short rows hold them all.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import viser
 
+from calib.plugins import load
+from inspector import plugins
 from inspector.panels.base import Actions, FollowsModel
 from inspector.panels.downloads import DownloadsPanel
 from inspector.panels.headline import HeadlinePanel
@@ -17,16 +20,15 @@ from inspector.panels.learn.missing_effects import MissingEffectsPanel
 from inspector.panels.learn.plan import PlanPanel
 from inspector.panels.learn.residuals import ResidualsPanel
 from inspector.panels.measure.corner import CornerPanel
-from inspector.panels.measure.live import LivePanel
 from inspector.panels.measure.planes import PlanesPanel
 from inspector.panels.measure.scans import ScansPanel
 from inspector.panels.model.compare import ComparePanel
 from inspector.panels.model.fit import FitPanel
 from inspector.panels.model.redundancy import RedundancyPanel
 from inspector.panels.model.side_by_side import SideBySidePanel
-from inspector.panels.model.watch import WatchPanel
 from inspector.panels.review import ReviewPanel
 from inspector.panels.your_data import OwnDataButton
+from inspector.plugins import Tab
 from inspector.session.view import View
 
 ICONS = {
@@ -40,39 +42,28 @@ LEFT_WIDTH, RIGHT_WIDTH = 290, 440  # pixels
 
 
 @dataclass(frozen=True)
-class Tab:
-    """The tab that contains a panel."""
-
-    step: str  # of the work, to which the tab belongs
-    name: str  # that of the step where the step is a single tab
-    view: str = ""  # what the 3D view shows once the tab is opened; "" leaves the view as it is
-
-
-@dataclass(frozen=True)
 class Panels:
-    """All panels of the page: those in tabs, in the tabs' order, then the others."""
+    """All panels of the page: those in tabs of its own, the others, and those that plug-ins bring."""
 
-    scans: Annotated[ScansPanel, Tab("Measure", "Scans", view="Scan")]
-    planes: Annotated[PlanesPanel, Tab("Measure", "Planes", view="Planes")]
-    corner: Annotated[CornerPanel, Tab("Measure", "Corner", view="Corner")]
-    live: Annotated[LivePanel, Tab("Measure", "Live")]
-    compare: Annotated[ComparePanel, Tab("Model", "Compare", view="Arm")]
-    fit: Annotated[FitPanel, Tab("Model", "Fit", view="Arm")]
-    redundancy: Annotated[RedundancyPanel, Tab("Model", "Redundancy")]
-    side_by_side: Annotated[SideBySidePanel, Tab("Model", "Beside", view="Arm")]
-    watch: Annotated[WatchPanel, Tab("Model", "Watch", view="Arm")]
-    missing_effects: Annotated[MissingEffectsPanel, Tab("Learn", "What is missing", view="Arm")]
-    residuals: Annotated[ResidualsPanel, Tab("Learn", "Where it fails", view="Arm")]
-    plan: Annotated[PlanPanel, Tab("Learn", "Plan", view="Arm")]
-    downloads: Annotated[DownloadsPanel, Tab("Take away", "Take away")]
+    scans: Annotated[ScansPanel, Tab("Measure", "Scans", 10, view="Scan")]
+    planes: Annotated[PlanesPanel, Tab("Measure", "Planes", 20, view="Planes")]
+    corner: Annotated[CornerPanel, Tab("Measure", "Corner", 30, view="Corner")]
+    compare: Annotated[ComparePanel, Tab("Model", "Compare", 10, view="Arm")]
+    fit: Annotated[FitPanel, Tab("Model", "Fit", 20, view="Arm")]
+    redundancy: Annotated[RedundancyPanel, Tab("Model", "Redundancy", 30)]
+    side_by_side: Annotated[SideBySidePanel, Tab("Model", "Beside", 40, view="Arm")]
+    missing_effects: Annotated[MissingEffectsPanel, Tab("Learn", "What is missing", 10, view="Arm")]
+    residuals: Annotated[ResidualsPanel, Tab("Learn", "Where it fails", 20, view="Arm")]
+    plan: Annotated[PlanPanel, Tab("Learn", "Plan", 30, view="Arm")]
+    downloads: Annotated[DownloadsPanel, Tab("Take away", "Take away", 10)]
     headline: HeadlinePanel
     own_data: OwnDataButton
     review: ReviewPanel
+    contributed: Mapping[str, Any]  # by the tab's name
 
     def show_model(self, view: View) -> None:
         """Refresh every panel that follows the model on show."""
-        for name in TABS:
-            panel = getattr(self, name)
+        for panel in (*(getattr(self, name) for name in _PANELS), *self.contributed.values()):
             if isinstance(panel, FollowsModel):
                 panel.update(view)
 
@@ -85,13 +76,17 @@ class Panels:
 _PANELS = {
     name: hint for name, hint in get_type_hints(Panels, include_extras=True).items() if hasattr(hint, "__metadata__")
 }
-TABS: dict[str, Tab] = {name: hint.__metadata__[0] for name, hint in _PANELS.items()}
-"""The tab of each panel, in the order in which the tabs are read."""
+CONTRIBUTED: tuple[Tab, ...] = plugins.contributions(Tab)
+_OWN: dict[str, Tab] = {hint.__metadata__[0].name: hint.__metadata__[0] for hint in _PANELS.values()}
+_ORDER = list(dict.fromkeys(tab.step for tab in (*_OWN.values(), *CONTRIBUTED)))
+TABS: tuple[Tab, ...] = tuple(
+    sorted((*_OWN.values(), *CONTRIBUTED), key=lambda tab: (_ORDER.index(tab.step), tab.order))
+)
+"""The tabs in the order in which they are read, those of plug-ins among the page's own."""
 STEPS: dict[str, tuple[str, ...]] = {  # the tabs of each step; a step that is a single tab has none inside
-    step: tuple(tab.name for tab in TABS.values() if tab.step == step != tab.name)
-    for step in dict.fromkeys(tab.step for tab in TABS.values())
+    step: tuple(tab.name for tab in TABS if tab.step == step != tab.name) for step in _ORDER
 }
-VIEW_OF_TAB = {tab.name: tab.view for tab in TABS.values() if tab.view}
+VIEW_OF_TAB = {tab.name: tab.view for tab in TABS if tab.view}
 
 
 def add_panels(
@@ -104,15 +99,18 @@ def add_panels(
         review = ReviewPanel(gui, actions, datasets)
     headline = HeadlinePanel(gui)
     tab = add_tabs(gui, scans_first=scans_first)
-    in_tabs = {}
-    for name, in_tab in TABS.items():
-        with tab[in_tab.name]:
-            in_tabs[name] = _PANELS[name].__origin__(gui, actions)
+    in_tabs, contributed = {}, {}
+    for name, hint in _PANELS.items():
+        with tab[hint.__metadata__[0].name]:
+            in_tabs[name] = hint.__origin__(gui, actions)
+    for brought in CONTRIBUTED:
+        with tab[brought.name]:
+            contributed[brought.name] = load(brought.panel)(gui, actions)
     left.dock_left()
     left.set_width(LEFT_WIDTH)
     gui.main_panel.dock_right()
     gui.main_panel.set_width(RIGHT_WIDTH)
-    return Panels(headline=headline, own_data=own_data, review=review, **in_tabs)
+    return Panels(headline=headline, own_data=own_data, review=review, contributed=contributed, **in_tabs)
 
 
 def add_tabs(gui: viser.GuiApi, *, scans_first: bool) -> dict[str, viser.GuiTabHandle]:
@@ -124,7 +122,7 @@ def add_tabs(gui: viser.GuiApi, *, scans_first: bool) -> dict[str, viser.GuiTabH
     steps = gui.add_tab_group()
     tabs: dict[str, viser.GuiTabHandle] = {}
     for step in order:
-        tab = steps.add_tab(step, icon=ICONS[step])
+        tab = steps.add_tab(step, icon=ICONS.get(step, viser.Icon.PUZZLE))
         if not STEPS[step]:
             tabs[step] = tab
             continue

@@ -18,13 +18,19 @@ from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
-from calib.planning.criterion import WATCH, DesignCriterion
-from calib.planning.discrimination_criterion import SPLIT, for_confounded
-from calib.planning.plan import CANDIDATES, FIRST_SET, FURTHER, PROOF_POSES, BoxRegion, criterion_of, plan_poses
-from calib.planning.proof_criterion import PROVE, ForProof, for_proof, for_proof_of_robot
-from calib.planning.start import FromFit, FromRobot, start_of_dataset
+from calib.planning.criterion import PlanTask
+from calib.planning.plan import (
+    CANDIDATES,
+    FIRST_SET,
+    BoxRegion,
+    criterion_of,
+    plan_poses,
+    task_of_diagnosis,
+    task_of_robot,
+)
+from calib.planning.purpose import FURTHER, PlanPurpose, purposes
+from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
-from calib.planning.watch_criterion import CHECK_POSES
 from calib.robot_formats.measuring_program import (
     Measured,
     MeasuringOptions,
@@ -55,37 +61,26 @@ def run_plan(options: PlanOptions) -> int:
     if options.out is not None:
         check_plan_file(options.out)
     template = _checked_program(options)
-    if options.purpose == PROVE and options.candidates is not None:
-        told = f"--for {PROVE} repeats poses that were measured"
+    purpose = purposes().get(options.purpose)
+    if purpose is not None and purpose.why_no_candidates and options.candidates is not None:
+        told = f"--for {purpose.name} {purpose.why_no_candidates}"
         raise CalibError(f"{options.candidates}: {told}; leave out --candidates")
-    start: FromFit | FromRobot
     user_effects: Sequence[Family] = ()
-    criterion: DesignCriterion
-    watched = options.purpose == WATCH
-    if options.purpose == PROVE:
-        proof = _proof(options)
-        criterion, start, count = proof, proof.start, proof.count
-    elif options.path.is_dir() and options.purpose == SPLIT:
-        criterion = for_confounded(_diagnosis(options), options.payload_kg)
-        start, count = criterion.start, options.add or FURTHER
-    elif options.path.is_dir() and options.poses is None:
-        criterion = criterion_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
-        start, user_effects = _dataset_start(options)
-        count = options.add or (CHECK_POSES if watched else FURTHER)
+    if purpose is not None and purpose.of_diagnosis:
+        task = _task(options, purpose)
     else:
-        if options.purpose == SPLIT:
-            raise CalibError(
-                f"{options.path}: --for {SPLIT} settles what a dataset's diagnosis left open; give its folder"
-            )
         criterion = criterion_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
-        start = _first_start(options)
-        count = options.poses or FIRST_SET
+        if options.path.is_dir() and options.poses is None:
+            start, user_effects = _dataset_start(options)
+            task = PlanTask(start, options.add or (purpose.usual_count if purpose else FURTHER), criterion)
+        else:
+            task = PlanTask(_first_start(options), options.poses or FIRST_SET, criterion)
     region = options.region if isinstance(options.region, str) else BoxRegion(*_corners(options.region))
-    given = None if options.candidates is None else _candidates(options, options.candidates, start)
+    given = None if options.candidates is None else _candidates(options, options.candidates, task.start)
     plan = plan_poses(
-        start,
-        count,
-        criterion=criterion,
+        task.start,
+        task.count,
+        criterion=task.criterion,
         region=region,
         user_effects=user_effects,
         candidates=given or CANDIDATES,
@@ -168,12 +163,15 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     return dataset, loaded_effects(options.effects_file, dataset)
 
 
-def _proof(options: PlanOptions) -> ForProof:
-    """Criterion that proves what a dataset's diagnosis leaves open, or what of a robot gives way."""
-    if options.path.is_dir() and options.poses is None:
-        return for_proof(_diagnosis(options), options.payload_kg, options.add)
-    start = _first_start(options)
-    return for_proof_of_robot(start, options.poses or PROOF_POSES, options.payload_kg, options.seed)
+def _task(options: PlanOptions, purpose: PlanPurpose) -> PlanTask:
+    """Poses that serve a purpose after a dataset's diagnosis, or of a robot where the purpose is of robots, too."""
+    if options.path.is_dir() and (options.poses is None or not purpose.of_robot):
+        return task_of_diagnosis(purpose, _diagnosis(options), options.add, options.payload_kg)
+    if not purpose.of_robot:
+        raise CalibError(
+            f"{options.path}: --for {purpose.name} settles what a dataset's diagnosis left open; give its folder"
+        )
+    return task_of_robot(purpose, _first_start(options), options.poses, options.payload_kg, options.seed)
 
 
 def _diagnosis(options: PlanOptions) -> Diagnosis:
@@ -231,7 +229,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
     return FromRobot(cell, noise_mm, options.fit_options())
 
 
-def _candidates(options: PlanOptions, path: Path, start: FromFit | FromRobot) -> Poses:
+def _candidates(options: PlanOptions, path: Path, start: Start) -> Poses:
     """Poses of a table to choose from, without those that were measured already. Raises CalibError."""
     poses = load_targets(path, start.dataset.robot).poses
     repeated = [pose_id for pose_id, times in Counter(poses.ids).items() if times > 1]

@@ -1,1 +1,1 @@
-"""Many datasets: the commands `fleet` and `pool`."""
+"""Many datasets: the commands `fleet` and `pool`, their page and figure."""

@@ -8,19 +8,19 @@ from datetime import datetime
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError, visible
-from calib.fleet.arm_type import type_report
-from calib.fleet.cluster import cluster_workers, local_workers
-from calib.fleet.discovery import discover
-from calib.fleet.judge import FleetOptions as JudgeOptions
-from calib.fleet.run import Workers, run_fleet
-from calib.fleet.table import is_table, require_table_kind, write_table
-from calib.fleet.type_file import save_type
+from calib.extras.fleet.arm_type import type_report
+from calib.extras.fleet.cluster import cluster_workers, local_workers
+from calib.extras.fleet.discovery import discover
+from calib.extras.fleet.judge import FleetOptions as JudgeOptions
+from calib.extras.fleet.run import Workers, run_fleet
+from calib.extras.fleet.table import is_table, require_table_kind, write_table
+from calib.extras.fleet.type_file import save_type
 from calib.options import FitOptions
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import cores, progress
+from inspector.extras.fleet.fleet_page import fleet_html
 from inspector.extras.fleet.options import FleetOptions, PoolOptions
-from inspector.report.fleet_page import fleet_html
 from inspector.report.report import is_report
 
 RESULTS, PAGE = ".results", ".html"  # suffixes beside the table

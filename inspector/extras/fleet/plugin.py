@@ -1,6 +1,6 @@
-"""What fleets bring."""
+"""What fleets bring to the commands and the figures."""
 
-from inspector.plugins import Command
+from inspector.plugins import CalibrationStart, Command, Figures
 
 CONTRIBUTIONS = (
     Command(
@@ -15,4 +15,6 @@ CONTRIBUTIONS = (
         "inspector.extras.fleet.fleet_command:run_fleet_command",
         after="check",
     ),
+    CalibrationStart("inspector.extras.fleet.start_from_type:start_from_type"),
+    Figures("inspector.extras.fleet.figures", ("fleet_errors",)),
 )

@@ -1,1 +1,1 @@
-"""A campaign while it is measured: the command `follow`."""
+"""A campaign while it is measured: the command `follow`, and the tab Live."""

@@ -6,11 +6,10 @@ import sys
 import time
 from collections.abc import Iterator
 
-from calib.campaign.campaign import Campaign
-from calib.campaign.follower import CampaignFollower, News
 from calib.errors import DatasetError, visible
-from calib.present import to_dict
-from calib.present.over_time.campaign import (
+from calib.extras.follow.campaign import Campaign
+from calib.extras.follow.follower import CampaignFollower, News
+from calib.extras.follow.present.campaign import (
     campaign_head,
     judgement_document,
     judgement_line,
@@ -18,6 +17,7 @@ from calib.present.over_time.campaign import (
     unknown_document,
     unknown_sentences,
 )
+from calib.present import to_dict
 from calib.rendering.text import block_text
 from calib.strict_json import to_json
 from inspector.cli.progress import MIN_SCANS_FOR_PROCESSES, processes

@@ -1,6 +1,6 @@
-"""What following a campaign brings."""
+"""What following a campaign brings to the commands and the page."""
 
-from inspector.plugins import Command
+from inspector.plugins import Command, Tab
 
 CONTRIBUTIONS = (
     Command(
@@ -8,5 +8,12 @@ CONTRIBUTIONS = (
         "inspector.extras.follow.options:FollowOptions",
         "inspector.extras.follow.follow_command:run_follow",
         after="verify",
+    ),
+    Tab(
+        "Measure",
+        "Live",
+        order=40,
+        panel="inspector.extras.follow.live_panel:LivePanel",
+        controller="inspector.extras.follow.live_controller:LiveController",
     ),
 )

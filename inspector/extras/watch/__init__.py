@@ -1,1 +1,1 @@
-"""The same cell measured again: the command `watch`."""
+"""The same cell measured again: the command `watch`, the tab Watch, its figures and its page."""

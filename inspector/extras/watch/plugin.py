@@ -1,6 +1,6 @@
-"""What watching a cell brings."""
+"""What watching a cell brings to the commands and the page."""
 
-from inspector.plugins import Command
+from inspector.plugins import Command, Figures, Tab
 
 CONTRIBUTIONS = (
     Command(
@@ -9,4 +9,13 @@ CONTRIBUTIONS = (
         "inspector.extras.watch.watch_command:run_watch",
         after="verify",
     ),
+    Tab(
+        "Model",
+        "Watch",
+        order=50,
+        panel="inspector.extras.watch.watch_panel:WatchPanel",
+        controller="inspector.extras.watch.watch_controller:WatchController",
+        view="Arm",
+    ),
+    Figures("inspector.extras.watch.figures", ("control_chart", "series_chart")),
 )

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
-from calib.monitoring.watched_cell import WatchedCell, watched_cell
+from calib.extras.watch.watched_cell import WatchedCell, watched_cell
 from calib.present import to_dict
-from calib.present.over_time.changes import series, watch_document, watch_summary
+from calib.extras.watch.present.changes import series, watch_document, watch_summary
 from calib.text_files.csv_text import frame_csv
 from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
@@ -43,7 +43,7 @@ def _write(out: Path, base: str, cell: WatchedCell) -> None:
     if out.suffix.lower() == ".csv":
         write_text_atomically(out, frame_csv(series(cell.seen)))
         return
-    from inspector.report.watch_page import watch_html, watch_svg  # with plotly, which takes a while to load
+    from inspector.extras.watch.watch_page import watch_html, watch_svg  # with plotly, which takes a while to load
 
     page = watch_svg(cell) if out.suffix.lower() == ".svg" else watch_html(base, cell, now=datetime.now())
     write_text_atomically(out, page)

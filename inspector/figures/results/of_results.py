@@ -15,14 +15,11 @@ from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import FitStep, candidate_of
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
-from calib.fleet.result import Fleet
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
 from calib.intervention.proof import Intervention
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
-from calib.monitoring.series import SeriesReport
-from calib.monitoring.watch import ChangeReport
 from calib.planning.plan import Plan
 from calib.present.fit.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
 from calib.screening.curves.fitted_curves import fitted_curves
@@ -30,12 +27,10 @@ from calib.validation.learning_curve import LearningCurve
 from inspector.figures import (
     curve_plots,
     evidence_plots,
-    fleet_plots,
     plan_plots,
     plots,
     reprojection_plot,
     residual_plots,
-    watch_plots,
 )
 from inspector.figures.results.alone import titled
 
@@ -277,7 +272,7 @@ def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Fig
     return titled(drawn, f"Learned curves: {calibration.dataset.name}", dark=dark, height_px=height)
 
 
-# ---- after a fit: more poses, the same cell later, many arms ---------------------------------------------------------
+# ---- after a fit: more poses -----------------------------------------------------------------------------------------
 
 
 def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
@@ -292,31 +287,7 @@ def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
     return titled(drawn, f"Would more poses help: {curve.dataset.name}", dark=dark)
 
 
-def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
-    """Figure of the RMS error at check poses of each later measurement, mm, with the limit of an unchanged cell."""
-    shown_of = (seen,) if isinstance(seen, ChangeReport) else tuple(seen)
-    if not shown_of:
-        raise CalibError("no measurement to draw; give what calib.monitoring.watch.watch returned, one or several")
-    return titled(watch_plots.control_chart(shown_of), "Control chart of the cell", dark=dark)
-
-
-def series_chart(found: SeriesReport, *, dark: bool = False) -> go.Figure:
-    """Figure of one change's size at each check of a series: of what drifts or steps, else the least likely of all."""
-    if found.shown is None:
-        raise CalibError("no change shows at these check poses, so there is nothing to draw")
-    return titled(watch_plots.series_chart(found), "Over the checks", dark=dark)
-
-
 def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
     """Figure of the predicted error, mm, by number of further poses, with the number from which gains are small."""
     drawn = plan_plots.error_by_count(plan.curve_mm, len(plan.poses), plan.enough)
     return titled(drawn, f"What further poses promise: {plan.start.dataset.name}", dark=dark)
-
-
-def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
-    """Figure of the RMS error of every dataset of a fleet, mm: as delivered, links calibrated, all effects found."""
-    rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
-    stages = [row.train if row.test.final_mm is None else row.test for row in rows]
-    errors = [(stage.nominal_mm, stage.links_mm, stage.final_mm) for stage in stages]
-    drawn = fleet_plots.fleet_errors([row.path for row in rows], errors)
-    return titled(drawn, f"Errors of {len(rows)} datasets", dark=dark)

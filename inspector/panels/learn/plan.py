@@ -6,9 +6,7 @@ from functools import partial
 
 import viser
 
-from calib.planning.criterion import CALIBRATION, WATCH
-from calib.planning.discrimination_criterion import SPLIT
-from calib.planning.proof_criterion import PROVE
+from calib.planning.purpose import CALIBRATION, purposes
 from calib.present.moves.plans import assumptions, plan_head, poses_table
 from calib.rendering import html
 from calib.rendering.blocks import Bullets, Section
@@ -27,12 +25,6 @@ NOT_YET = "Nothing to plan for yet: poses are planned from a fit."
 STALE = "The model has changed since; plan again."
 MAKE = "Plan the poses"
 NONE = "–"
-WORDS = {  # of what is planned for
-    CALIBRATION: "a smaller error",
-    SPLIT: "settle what the diagnosis left open",
-    PROVE: "prove it by changing one condition",
-    WATCH: "check poses that show a change",
-}
 FILES = {"poses.csv": "planned_poses.csv", "URScript": "planned_poses.script", "ROS": "planned_poses.yaml"}
 PROGRAMS = {"UR": "measure.script", "KUKA": "measure.src", "ABB": "measure.mod"}
 MOST = 60
@@ -75,7 +67,8 @@ class PlanPanel:
 
     def offer(self, aims: tuple[str, ...]) -> None:
         """Update the purposes that can be planned for; the choice is kept if it is still listed."""
-        self._words = {WORDS.get(aim, f"the size of {aim}"): aim for aim in aims}
+        known = purposes()
+        self._words = {known[aim].words if aim in known else f"the size of {aim}": aim for aim in aims}
         offer(self.aim, tuple(self._words) or (NONE,))
         self.make.disabled = not aims
 

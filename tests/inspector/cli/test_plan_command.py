@@ -89,7 +89,6 @@ def test_a_first_set_for_the_cell_of_a_dataset(folder: Path, capsys: pytest.Capt
         (["rb5", "--add", "3"], "--poses"),
         (["rb5", "--for", "jelly"], "no effect named 'jelly'"),
         (["rb5", "--for", ","], "effects with commas between"),
-        (["rb5", "--for", "prove", "--poses", "5"], "it takes 4 pairs: ask for 8"),
         (["rb5", "--effect", "backlash"], "name those that you suspect with --for"),
         (["nothing.urdf"], "nothing.urdf: no such file or folder; give a dataset's folder"),
         (["rb5", "--for", "backlash", "--criterion", "D"], "--criterion D is of a calibration"),
@@ -113,28 +112,6 @@ def test_a_place_is_three_or_six_numbers(place: str, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
-def test_check_poses_for_a_calibration_and_for_nothing_else(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", "rb5", "--for", "watch"]) == 2
-    assert "against a calibration" in capsys.readouterr().err
-    checks = folder.parent / "checks.csv"
-    told = ["plan", str(folder), "--for", "watch", "--effect", "joint_compliance", "--out", str(checks)]
-    assert main(told) == 0
-    roles = pd.read_csv(checks)["role"].tolist()
-    assert roles == ["reference", *["train"] * 7]  # as they are, the poses of a new dataset
-    said = capsys.readouterr().out
-    assert said.startswith("8 poses for ")
-    assert "to watch the cell" in said
-    assert "named alone from" in said
-    assert "19 times of 20" in said
-    assert "predicted error" not in said
-    assert main([*told, "--json"]) == 0
-    promised = {(c["what"], c["joint"]): c for c in json.loads(capsys.readouterr().out)["check"]}
-    slip = promised["joint_zero", 3]
-    assert 0.0 < slip["found_from"] < slip["named_from"] <= slip["alone_from"]
-    assert promised["joint_zero", 1]["rival"] == "scanner"
-
-
-@pytest.mark.slow
 def test_candidates_of_the_users_own_keep_their_names_and_joints(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,8 +130,6 @@ def test_candidates_of_the_users_own_keep_their_names_and_joints(
         table.to_csv(offered, index=False)
         assert main(asked) == 2
         assert says in capsys.readouterr().err
-    assert main([*asked, "--for", "prove"]) == 2
-    assert "leave out --candidates" in capsys.readouterr().err
 
 
 def test_a_ball_among_boxes_is_right_in_a_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

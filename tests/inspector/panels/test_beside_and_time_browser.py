@@ -1,4 +1,4 @@
-"""A real browser puts another dataset beside the one on show and against it, and plays the measurement."""
+"""A real browser puts another dataset beside the one on show, and plays the measurement."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import pytest
 
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
-from inspector.panels.model.watch import MOVED
 from tests.support.browser import MS, open_tab, says
 from tests.support.checked_cell import measured_twice
 
@@ -34,15 +33,6 @@ def test_another_dataset_stands_beside(page: Any, app: App) -> None:
     says(page, "changed: the zero of joint 3")
     names = page.locator(".js-plotly-plot:visible .legendtext").all_text_contents()
     assert names == ["after", "before"]
-
-
-def test_another_dataset_is_held_against_the_calibration(page: Any, app: App) -> None:
-    open_tab(page, "Watch")
-    page.get_by_text(MOVED).locator("visible=true").first.click()
-    page.get_by_label("Measured later").locator("visible=true").first.click()
-    page.get_by_role("option", name="before").click()
-    says(page, "before: changed. the zero of joint 3")
-    assert "changed" in page.locator(".js-plotly-plot:visible .legendtext").all_text_contents()
 
 
 def test_the_measurement_plays(page: Any, app: App) -> None:

@@ -19,10 +19,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
-from calib.fleet.result import Fleet
-from calib.fleet.row import Rmse
 from calib.identifiability.structural import redundancy
-from calib.monitoring.watch import watch
 from calib.options import FitOptions
 from calib.planning.plan import plan_poses
 from calib.planning.start import start_of_dataset
@@ -30,7 +27,6 @@ from calib.screening.curves.fitted_curves import fitted_curves
 from calib.validation.learning_curve import learning_curve
 from inspector import figures
 from inspector.figures.curve_plots import CURVE
-from tests.support.fleet import row
 from tests.support.hidden_dataset import write_unnamed
 
 ROOT = Path(__file__).parents[4]
@@ -112,7 +108,6 @@ def test_a_wrong_name_lists_the_right_ones(fit: Calibration, found: Diagnosis) -
         (lambda: figures.ranking(found, step=9), "no ranking after step 9"),
         (lambda: figures.added_variable(found, "rust"), "rust is not among the candidates"),
         (lambda: figures.learned_curves(found), "no curves were learned; the model is link errors"),
-        (lambda: figures.control_chart([]), "no measurement to draw"),
         (lambda: figures.to_svg(figures.work_space(fit)), "plotly alone draws points"),
     ):
         with pytest.raises(CalibError, match=says):
@@ -231,20 +226,6 @@ def test_what_more_poses_and_a_plan_promise(dataset: Dataset) -> None:
     at = named(drawn, "this plan")
     assert (at.x[0], at.y[0]) == (3, plan.curve_mm[3])
     stands_alone(drawn, "mm", "poses")
-
-
-def test_a_cell_and_a_fleet(found: Diagnosis, dataset: Dataset) -> None:
-    later = [watch(found.calibration, replace(dataset, name=name)) for name in ("may", "june")]
-    figure = figures.control_chart(later)
-    points = [(x, y) for trace in figure.data if trace.mode == "markers" for x, y in zip(trace.x, trace.y, strict=True)]
-    assert sorted(points) == [(1, later[0].rmse_mm), (2, later[1].rmse_mm)]
-    assert len(figures.control_chart(later[0]).data) == len(figure.data)
-    stands_alone(figure, "mm")
-    rows = tuple(row(f"arm{k}", test=Rmse(3.0, 0.5, 0.1 * k)) for k in (2, 1))
-    fleet = Fleet(ROOT, rows, (), (), (), 0, 1.0)
-    last = named(figures.fleet_errors(fleet), "with all that was found")
-    assert list(zip(last.customdata, last.y, strict=True)) == [("arm1", 0.1), ("arm2", pytest.approx(0.2))]
-    stands_alone(figures.fleet_errors(fleet), "mm")
 
 
 def test_dark_figures_are_dark(fit: Calibration, found: Diagnosis) -> None:

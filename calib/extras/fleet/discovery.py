@@ -1,0 +1,77 @@
+"""Discovery of datasets at any depth below a folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import DatasetError
+from calib.extras.fleet.row import Failure
+
+MOST_LEVELS = 32
+
+
+@dataclass(frozen=True)
+class Discovered:
+    """Dataset folders found below one folder, and folders that could not be listed."""
+
+    folder: Path
+    datasets: tuple[str, ...]  # paths below the folder, with slashes, in order; "." is the folder itself
+    failures: tuple[Failure, ...]
+
+
+def discover(folder: Path) -> Discovered:
+    """Datasets in a folder and all folders below it, except hidden folders and those inside a dataset.
+
+    Links are followed; a folder that two paths lead to counts once, by the first of them in order.
+
+    Raises DatasetError where the folder cannot be looked into or holds no dataset.
+    """
+    if not folder.is_dir():
+        what = "is a file" if folder.is_file() else "no such folder"
+        raise DatasetError(f"{folder}: {what}; give a folder that holds datasets")
+    datasets: list[str] = []
+    failures: list[Failure] = []
+    for path, reason in _walk(folder):
+        if reason:
+            failures.append(Failure(path, reason))
+        else:
+            datasets.append(path)
+    if not datasets and not failures:
+        raise DatasetError(f"{folder}: found no dataset.toml here nor below; a dataset folder has one")
+    if not datasets and failures[0].path == ".":
+        raise DatasetError(f"{folder}: {failures[0].reason}")
+    return Discovered(folder, tuple(sorted(datasets)), tuple(sorted(failures, key=lambda f: f.path)))
+
+
+def _walk(folder: Path) -> Iterator[tuple[str, str]]:
+    """Pairs of path and reason: each dataset with reason "", each folder that cannot be listed with the reason."""
+    seen: set[tuple[int, int]] = set()
+    waiting = [Path()]
+    while waiting:
+        below = waiting.pop(0)  # all of one level before the next: the shorter of two ways to a folder is kept
+        place = folder / below
+        try:
+            status = place.stat()
+            if (status.st_dev, status.st_ino) in seen:
+                continue
+            seen.add((status.st_dev, status.st_ino))
+            with os.scandir(place) as entries:
+                inside = sorted(entries, key=lambda entry: entry.name)
+            if any(entry.name == "dataset.toml" for entry in inside):
+                yield below.as_posix(), ""
+                continue
+            if len(below.parts) >= MOST_LEVELS:
+                continue
+            waiting += [below / e.name for e in inside if not e.name.startswith(".") and _is_folder(e)]
+        except OSError as error:
+            yield below.as_posix(), f"cannot be looked into ({error.strerror or error})"
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:  # a circle of links
+        return False

@@ -1,0 +1,1 @@
+"""What is told of a fleet and of what arms of a type share."""

@@ -1,0 +1,273 @@
+"""Presentation of a fleet: shared causes, arms that changed, worst datasets, failures, and a row per dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from calib.extras.fleet.drift import Drift, change_test
+from calib.extras.fleet.result import Fleet
+from calib.extras.fleet.row import Row
+from calib.extras.fleet.shared_causes import Group, SharedCause
+from calib.plugins import load
+from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import (
+    Block,
+    Bullets,
+    FigurePlace,
+    KeyFigures,
+    Paragraph,
+    Presentation,
+    Section,
+    Span,
+    Table,
+    Verdict,
+)
+from calib.rendering.colours import BAD, DOUBT, GOOD
+
+METHOD = (
+    "Each dataset is judged by itself as inspector check does: corners, fit, diagnosis. An error is the 3D RMSE of the "
+    "test poses, which no fit saw, or of the fitted poses where there are no test poses.",
+    "A cause is an effect on one joint that an arm's diagnosis claims, or finds likely with a probability of a half or "
+    "more, on average of the arm's datasets; joints that move the measured points by less than a quarter of what the "
+    "largest of that effect does are left aside. It is listed from three arms on. Its arms are compared for each site, "
+    "each further key of [about], all arms since a serial number or a date, and each range of serial numbers by "
+    "Fisher's exact test, one-sided, with the rest of the arms of that model; the best place or range with the best "
+    "where the cause is dealt out at random. All tests of the fleet are corrected together (Holm), and groups below "
+    "p = 0.05 are listed. A group that stands out is a place to look, not a proof: arms of one site often have one "
+    "gear batch and neighbouring numbers too.",
+    "Each dataset is compared with the last calibration of the same serial number and of an earlier date, as inspector "
+    "watch does: the earlier calibration predicts the later points. What a moved scanner, a moved base or more noise "
+    "explains is not blamed on the arm.",
+)
+Naming = Callable[[str], Span]  # a dataset's path -> what stands for it, such as a link
+
+
+@presentation.register
+def _fleet(fleet: Fleet) -> Presentation:
+    kept = [("Taken from an earlier run", fleet.taken_over)] if fleet.taken_over else []
+    return Presentation(f"Fleet: {fleet.folder.resolve().name}", fleet_head(fleet, kept), fleet_sections(fleet))
+
+
+def fleet_head(fleet: Fleet, more: Sequence[tuple[str, object]] = ()) -> list[Block]:
+    """Blocks at the head of a fleet: counts, items that need attention, verdicts and errors."""
+    passed = sum(row.passed for row in fleet.rows)
+    robots = sorted({row.robot for row in fleet.rows})
+    figures: list[tuple[str, object]] = [
+        ("Datasets", len(fleet.rows) + len(fleet.failures)),
+        ("Arms", fleet.arms),
+        ("Robots", numbers.listing(robots) if len(robots) < 4 else f"{len(robots)} models"),
+        ("Pass the check", f"{passed} of {len(fleet.rows)}"),
+        ("Without a result", len(fleet.failures)),
+        *more,
+    ]
+    verdicts = [(verdict or "without a verdict", count) for verdict, count in fleet.verdicts.items()]
+    drawn = FigurePlace("fleet_errors", (fleet,), "Errors of all datasets, the best at the left.")
+    return [
+        KeyFigures(figures),
+        _in_short(fleet),
+        Table(("verdict", "datasets"), verdicts, caption="How the diagnoses end"),
+        *([drawn] if any(row.error_mm is not None for row in fleet.rows) else []),
+    ]
+
+
+def _in_short(fleet: Fleet) -> Verdict:
+    """Verdict with the items of a fleet that need attention."""
+    found = []
+    if batches := [cause for cause in fleet.shared if cause.groups]:
+        found.append(
+            f"{numbers.count(len(batches), 'cause')} with arms in common, most of all {cause_phrase(batches[0])}"
+        )
+    if changed := {fleet.row(drift.later).arm for drift in fleet.drifted}:
+        found.append(f"{numbers.count(len(changed), 'arm')} changed between two datasets")
+    if odd := sum(row.verdict == "unexplained" for row in fleet.rows):
+        found.append(f"{numbers.count(odd, 'dataset')} unexplained")
+    if fleet.failures:
+        found.append(f"{numbers.count(len(fleet.failures), 'dataset')} without a result")
+    if not found:
+        return Verdict("Nothing stands out.", GOOD)
+    return Verdict(f"{'; '.join(found)}.", BAD if fleet.failures else DOUBT)
+
+
+def fleet_sections(fleet: Fleet, name: Naming = str, command: Callable[[str], str] | None = None) -> list[Section]:
+    """Sections on shared causes, changed arms, the worst datasets, failures, and all datasets.
+
+    name: what stands for a dataset's path.
+    command: what to type to look at a dataset; without it that column is left out.
+    """
+    return [
+        Section("Causes that arms share", _causes(fleet), brief=True),
+        Section("Arms that changed", _drifts(fleet, name), brief=True),
+        Section("The worst", [_worst(fleet, name, command)], brief=True),
+        *([Section("Without a result", [_failures(fleet, name)], brief=True)] if fleet.failures else []),
+        Section("All datasets", [_all(fleet, name)]),
+    ]
+
+
+# ---- causes that arms share -----------------------------------------------------------------------------------------
+
+
+def cause_name(cause: SharedCause) -> str:
+    """Name of a shared cause: "joint_compliance of joint 2"."""
+    return cause.effect if cause.joint is None else f"{cause.effect} of joint {cause.joint}"
+
+
+def group_phrase(group: Group) -> str:
+    """Phrase on what arms with a cause have in common: "8 of 10 with gear lot 17, 1 of 50 others (p = 1e-07)"."""
+    (a, n), (b, m) = group.inside, group.outside
+    return f"{a} of {n} with {group.what} {group.value}, {b} of {m} others (p = {numbers.probability(group.p_value)})"
+
+
+def cause_phrase(cause: SharedCause) -> str:
+    """Phrase on a shared cause: the number of arms that have it, and the properties common to these arms."""
+    robot = f" {cause.robot}" if cause.robot else ""
+    common = "; ".join(map(group_phrase, cause.groups)) or "no group of them stands out"
+    return f"{cause_name(cause)} in {len(cause.arms)} of {cause.of} arms{robot}: {common}"
+
+
+def _causes(fleet: Fleet) -> list[Block]:
+    if not fleet.shared:
+        return [Paragraph("No cause is claimed or likely in three arms or more.")]
+    common = [cause for cause in fleet.shared if cause.groups]
+    rows = [
+        (
+            cause_name(cause),
+            cause.robot or "all models",
+            f"{len(cause.arms)} of {cause.of}",
+            numbers.column_mm(cause.moves_mm),
+            "; ".join(map(group_phrase, cause.groups)) or "no group stands out",
+        )
+        for cause in fleet.shared
+    ]
+    headers = ("cause", "robot", "arms", "moves the tool by, mm", "what these arms have in common")
+    caption = "Claimed by the diagnosis, or likely; median of the arms, RMS"
+    return [
+        *(Verdict(f"{cause_phrase(cause)}.", DOUBT) for cause in common),
+        Table(headers, rows, left=(0, 1, 4), caption=caption),
+        *(Paragraph(f"{cause_name(cause)}: arms {numbers.listing(cause.arms)}.", soft=True) for cause in common),
+    ]
+
+
+# ---- arms that changed ----------------------------------------------------------------------------------------------
+
+
+def drift_phrases(drift: Drift) -> str:
+    """Phrases on what changed between two datasets of an arm, or on why that is unknown."""
+    test = change_test()
+    phrases = [] if test is None else map(load(test.phrase), drift.changes)
+    return drift.reason or "; ".join(phrases) or drift.verdict
+
+
+def _drifts(fleet: Fleet, name: Naming) -> list[Block]:
+    if not fleet.drifts and change_test() is None:
+        return [Paragraph("Datasets of one arm are not compared: what tests for changes (watch) is not installed.")]
+    if not fleet.drifts:
+        return [Paragraph("No arm has two datasets with its serial number and different dates in [about].")]
+    rest = [drift for drift in fleet.drifts if not drift.of_the_arm]
+    other = [drift for drift in rest if drift.verdict in ("changed", "unclear")]
+    same = sum(drift.verdict == "unchanged" for drift in rest)
+    unknown = [
+        f"{drift.base} and {drift.later} were not compared: {drift.reason}" for drift in rest if not drift.verdict
+    ]
+    none = Paragraph("None of the arms changed.")
+    caption = "The scanner, the base or the noise changed, or it cannot be discriminated from the arm"
+    return [
+        _drift_table(fleet, fleet.drifted, name, "The arm itself changed") if fleet.drifted else none,
+        *([_drift_table(fleet, other, name, caption)] if other else []),
+        Paragraph(f"{numbers.count(same, 'pair')} of datasets unchanged.", soft=True),
+        *([Bullets(unknown)] if unknown else []),
+    ]
+
+
+def _drift_table(fleet: Fleet, drifts: Sequence[Drift], name: Naming, caption: str) -> Table:
+    rows = []
+    for drift in drifts:
+        base, later = fleet.row(drift.base), fleet.row(drift.later)
+        off = numbers.column_mm(drift.rmse_mm)
+        rows.append((later.serial, later.robot, base.date, later.date, name(drift.later), off, drift_phrases(drift)))
+    headers = ("arm", "robot", "from", "to", "dataset", "off by, mm", "what changed")
+    return Table(headers, rows, caption=caption, left=(0, 1, 2, 3, 4, 6))
+
+
+# ---- datasets -------------------------------------------------------------------------------------------------------
+
+
+def _worst(fleet: Fleet, name: Naming, command: Callable[[str], str] | None) -> Table:
+    rows = [
+        (
+            name(row.path), row.serial, row.robot, numbers.column_mm(row.error_mm), _ratio(row), row.headline,
+            *([] if command is None else [command(row.path)]),
+        )
+        for row in fleet.worst()
+    ]  # fmt: skip
+    headers = ["dataset", "arm", "robot", "last error, mm", "times noise", "verdict"]
+    headers += [] if command is None else ["to look at it"]
+    return Table(headers, rows, left=(0, 1, 2, 5, 6), caption="The largest errors that are left")
+
+
+def _failures(fleet: Fleet, name: Naming) -> Table:
+    rows = [(name(failure.path), failure.reason) for failure in fleet.failures]
+    return Table(("dataset", "why"), rows, left=(0, 1), caption="Each was tried twice")
+
+
+def _all(fleet: Fleet, name: Naming) -> Table:
+    rows = [
+        (
+            name(row.path), row.serial, row.site, row.date, row.robot, numbers.column_mm(_delivered(row)),
+            numbers.column_mm(row.error_mm), row.verdict or "none", ", ".join(row.missing) or numbers.MISSING,
+        )
+        for row in fleet.rows
+    ]  # fmt: skip
+    headers = ("dataset", "arm", "site", "date", "robot", "delivered, mm", "last error, mm", "verdict", "missing")
+    return Table(headers, rows, left=(0, 1, 2, 3, 4, 7, 8))
+
+
+def _delivered(row: Row) -> float | None:
+    return row.train.nominal_mm if row.test.final_mm is None else row.test.nominal_mm
+
+
+def _ratio(row: Row) -> str:
+    return numbers.MISSING if row.noise_ratio is None else f"{row.noise_ratio:.2g}"
+
+
+# ---- the document ---------------------------------------------------------------------------------------------------
+
+
+@document.register
+def _fleet_document(fleet: Fleet) -> dict[str, Any]:
+    return {
+        "folder": str(fleet.folder),
+        "datasets": len(fleet.rows) + len(fleet.failures),
+        "taken_over": fleet.taken_over,
+        "seconds": fleet.seconds,
+        "rows": fleet.rows,
+        "failed": fleet.failures,
+        "drift": [_drift_document(drift, fleet) for drift in fleet.drifts],
+        "shared_causes": fleet.shared,
+        "worst": [row.path for row in fleet.worst()],
+    }
+
+
+def _drift_document(drift: Drift, fleet: Fleet) -> dict[str, Any]:
+    sentence, test = drift.reason, change_test()
+    if test is not None and drift.verdict and drift.rmse_mm is not None and drift.expected_mm is not None:
+        sentence = load(test.sentence)(
+            fleet.row(drift.later).name,
+            drift.verdict,
+            drift_phrases(drift),
+            drift.poses,
+            drift.rmse_mm,
+            drift.expected_mm,
+        )
+    return {
+        "base": drift.base,
+        "later": drift.later,
+        "verdict": drift.verdict,
+        "changes": drift.changes,
+        "rmse_mm": drift.rmse_mm,
+        "expected_mm": drift.expected_mm,
+        "words": sentence,
+        "settled": drift.settled,
+        "of_the_arm": bool(drift.of_the_arm),
+    }

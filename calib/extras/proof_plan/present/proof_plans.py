@@ -1,0 +1,122 @@
+"""What is told of planned proofs: the change of a condition to make, and what pairs of poses then achieve."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calib.extras.proof_plan.proof_outcome import PairReason, ProofOutcome
+from calib.extras.proof_plan.proof_plan import NextChange
+from calib.extras.proof_plan.simulated_pairs import MOST_LOAD, MOST_PAIRS, Needed
+from calib.intervention.pairs import APPROACH, PAYLOAD
+from calib.present.moves.plans import SURELY, ReasonTold, Told, reason_told, told
+from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import Presentation, Verdict, Words, effect, listed, spans
+from calib.rendering.colours import GOOD
+
+
+@told.register
+def _of_proof(outcome: ProofOutcome) -> Told:
+    change = {"condition": outcome.condition, "before": outcome.before, "after": outcome.after}
+    return Told(
+        f"to prove which is true of {numbers.listing(outcome.hypotheses)}",
+        sentences=_proven(outcome),
+        document={
+            "change": change, "hypotheses": outcome.hypotheses, "pairs": outcome.pairs, "needed": outcome.needed,
+        },
+    )  # fmt: skip
+
+
+@reason_told.register
+def _by_pair(reason: PairReason) -> ReasonTold:
+    level = "from the other side" if reason.level is None else f"{reason.condition} {reason.level:.4g}"
+    phrase = level if reason.again is None else f"{reason.again} again, {level}"
+    return ReasonTold(phrase, {"again": reason.again})
+
+
+def _proven(outcome: ProofOutcome) -> list[str]:
+    what = condition_change(outcome.condition, outcome.before, outcome.after)
+    if outcome.again:
+        lines = [f"{what}, leave all else as it is, and measure {numbers.listing(outcome.again)} again, joints as then"]
+    else:
+        lines = [f"measure {outcome.pairs} poses, {what}, leave all else as it is, and measure the same poses again"]
+    if outcome.assumed:
+        level = f"{outcome.condition} {outcome.before:.4g}"
+        lines.append(f"no column has the condition of the poses measured so far: write {level} for them in poses.csv")
+    lines.append(
+        "where instrument or tool were moved since, that does no harm; the instrument then has a setup of its own"
+    )
+    lines += [
+        f"{numbers.share(power)} instead, if you {condition_change(condition, before, after)}"
+        for condition, before, after, power in outcome.others
+    ]
+    lines += [_takes(one, outcome) for one in outcome.needed if one.size_mm or one.probability > outcome.power]
+    if outcome.power < SURELY and not outcome.needed:
+        lines.append(
+            "the others stay open: more pairs (--add) or a heavier payload (--payload-kg) tell more"
+            if outcome.condition == PAYLOAD
+            else "the others stay open: more pairs (--add) tell more"
+        )
+    return lines
+
+
+def _takes(needed: Needed, outcome: ProofOutcome) -> str:
+    """Phrase on what it takes to prove a cause with some probability."""
+    most = "more poses than were measured" if outcome.again else f"more than {MOST_PAIRS} pairs"
+    pairs = most if needed.pairs is None else numbers.count(needed.pairs, "pair")
+    of = ""
+    if needed.size_mm is not None:
+        of = f" for a part that moves the tool by {numbers.length(needed.size_mm)} under 2 kg"
+    words = f"{numbers.share(needed.probability)}{of} take {pairs}"
+    if outcome.condition != PAYLOAD or outcome.after is None:
+        return words
+    if needed.payload_kg is None:
+        return f"{words}; with these pairs no payload up to {MOST_LOAD * outcome.after:.3g} kg is enough"
+    return f"{words}, or {needed.payload_kg:.2g} kg with these pairs"
+
+
+# ---- a change to make -----------------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _next_change(found: NextChange) -> Presentation:
+    return Presentation("The change that proves it", [Verdict(change_sentence(found), GOOD)])
+
+
+@document.register
+def _change_document(found: NextChange) -> dict[str, Any]:
+    return {
+        "condition": found.change.condition,
+        "before": found.change.before,
+        "after": found.change.after,
+        "pairs": found.pairs,
+        "again": found.again,
+        "settles": found.probability,
+        "between": found.hypotheses,
+    }
+
+
+def condition_change(condition: str, before: float | None, after: float | None) -> str:
+    """Instruction to change one condition: "hang 2 kg on the flange"."""
+    if condition == APPROACH:
+        return "come with every joint from the other side"
+    assert before is not None
+    assert after is not None
+    if condition == PAYLOAD:
+        return f"hang {after:.4g} kg on the flange" if not before else f"exchange {before:.4g} kg for {after:.4g} kg"
+    return f"wait until the arm is at {after:.0f} °C instead of {before:.0f} °C"
+
+
+def change_sentence(found: NextChange) -> Words:
+    """Sentence on the change of one condition that is likely to prove which of several effects is true."""
+    change = found.change
+    what = numbers.capitalised(condition_change(change.condition, change.before, change.after))
+    measured = (
+        f" and measure {numbers.count(found.pairs, 'pose')} again" if found.again else
+        f" between two measurements of {numbers.count(found.pairs, 'pose')}"
+    )  # fmt: skip
+    return spans(
+        f"{what}{measured}: with a probability of {numbers.share(found.probability)} their differences prove which of ",
+        listed([effect(name) for name in found.hypotheses], "or"),
+        " it is (inspector plan --for prove has the poses).",
+    )

@@ -1,0 +1,122 @@
+"""Criterion: pairs of poses that prove a cause by changing one condition (`--for prove`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import IndexArray
+from calib.dataset.dataset import Poses
+from calib.diagnosis.result import Diagnosis
+from calib.errors import CalibError
+from calib.extras.proof_plan.plugin import PROVE
+from calib.extras.proof_plan.proof_outcome import PairReason, ProofOutcome
+from calib.extras.proof_plan.proof_plan import NextChange, change_for_robot, next_change
+from calib.extras.proof_plan.simulated_pairs import joined_poses
+from calib.intervention.pairs import APPROACH
+from calib.planning.criterion import BaseCriterion, DesignProblem, PlanTask
+from calib.planning.effect_hypotheses import hypothesis_sets
+from calib.planning.start import FromFit, FromRobot, Start
+
+PROOF_POSES = 40  # of a robot that was never measured: 20 pairs
+
+
+@dataclass(frozen=True)
+class ForProof(BaseCriterion):
+    """Criterion: prove which hypothesis is true by pairs of poses, which are chosen already."""
+
+    chosen: NextChange
+    start: FromFit | FromRobot
+    name = PROVE
+    keeps_temperature = True
+    effects: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of poses to measure."""
+        return len(self.chosen.poses)
+
+    def prepared(self, start: Start, offered: Poses) -> Poses:
+        """The chosen poses first, then candidates as offered, under the condition before the change."""
+        change, n = self.chosen.change, len(offered)
+        conditions = {name: getattr(self.chosen.poses, name) for name in ("payload_kg", "temperature_c", "approach")}
+        usual = {
+            name: None if values is None else np.tile(values[:1], (n, *[1] * (values.ndim - 1)))
+            for name, values in conditions.items()
+        }
+        if change.condition != APPROACH and change.before is not None:
+            usual[change.condition] = np.full(n, change.before)
+        offered = replace(
+            offered, payload_kg=usual["payload_kg"], temperature_c=usual["temperature_c"], approach=usual["approach"]
+        )
+        return joined_poses(self.chosen.poses, offered)
+
+    def choose(self, problem: DesignProblem, count: int) -> IndexArray:
+        """Indices of the chosen poses, which are the first of the candidates."""
+        return np.arange(min(count, self.count))
+
+    def reasons(self, problem: DesignProblem, chosen: IndexArray) -> tuple[PairReason, ...]:
+        """For each pose, the measured pose that it repeats, and its condition."""
+        again, condition = self.chosen.again, self.chosen.change.condition
+        levels = None if condition == APPROACH else getattr(self.chosen.poses, condition)
+        return tuple(
+            PairReason(again[k] if again else None, condition, None if levels is None else float(levels[k]))
+            for k in chosen.tolist()
+        )
+
+    def outcome(self, problem: DesignProblem, chosen: IndexArray) -> ProofOutcome:
+        """The change, and the probability that it proves which hypothesis is true."""
+        found = self.chosen
+        return ProofOutcome(
+            hypotheses=found.hypotheses,
+            condition=found.change.condition,
+            before=found.change.before,
+            after=found.change.after,
+            again=found.again,
+            assumed=found.assumed,
+            pairs=found.pairs,
+            power=found.probability,
+            needed=found.needed,
+            others=tuple((c.condition, c.before, c.after, probability) for c, probability in found.others),
+        )
+
+
+def for_proof(diagnosis: Diagnosis, payload_kg: float | None = None, count: int | None = None) -> ForProof:
+    """Criterion for the first set of effects, left confounded by a diagnosis, of which a change moves any.
+
+    Raises CalibError where nothing was left confounded, or no change moves any of it.
+    """
+    name, found = (
+        diagnosis.calibration.dataset.name,
+        next_change(diagnosis, payload_kg=payload_kg, count=count, with_needed=True),
+    )
+    if found is not None and found.calibration is not None:
+        return ForProof(found, FromFit(found.calibration))
+    sets = hypothesis_sets(diagnosis)
+    if not sets:
+        raise CalibError(
+            f"dataset {name}: its diagnosis left no effects confounded (verdict {diagnosis.verdict}), so there is "
+            "nothing to prove; plan for calibration, or for an effect"
+        )
+    raise CalibError(
+        f"dataset {name}: neither a payload, nor the side of approach, nor the temperature moves any of "
+        f"{', '.join(sets[0].names)}, so pairs of poses prove none; --for split plans other poses"
+    )
+
+
+def for_proof_of_robot(start: FromRobot, count: int, payload_kg: float | None = None, seed: int = 0) -> ForProof:
+    """Criterion for an arm that was never measured: prove what gives way under a payload."""
+    return ForProof(change_for_robot(start, count, payload_kg=payload_kg, seed=seed), start)
+
+
+def task_of_diagnosis(diagnosis: Diagnosis, payload_kg: float | None, count: int | None) -> PlanTask:
+    """Poses that prove one of the effects that a diagnosis left confounded; as many as it takes where none is given."""
+    proof = for_proof(diagnosis, payload_kg, count)
+    return PlanTask(proof.start, proof.count, proof)
+
+
+def task_of_robot(start: FromRobot, count: int | None, payload_kg: float | None, seed: int) -> PlanTask:
+    """Poses that prove what of an arm gives way under a payload."""
+    proof = for_proof_of_robot(start, count or PROOF_POSES, payload_kg, seed)
+    return PlanTask(proof.start, proof.count, proof)

@@ -1,0 +1,1 @@
+"""What is told of watched cells and of planned check poses."""

@@ -1,0 +1,43 @@
+"""HTML page on a fleet: shared causes, changed arms, worst datasets, failures, and a row per dataset."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from datetime import datetime
+from pathlib import Path
+from urllib.parse import quote
+
+from calib.extras.fleet.present.fleets import METHOD, fleet_head, fleet_sections
+from calib.extras.fleet.result import Fleet
+from calib.rendering.blocks import Bullets, Facts, Link, Paragraph, Presentation, Section
+from inspector.report.page import render
+from inspector.report.report import versions
+
+
+def fleet_html(fleet: Fleet, page: Path, *, now: datetime) -> str:
+    """HTML page on a fleet, to be written to the file `page`, so that links to the datasets work; `now` is its date."""
+    made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
+    page_folder = page.resolve().parent
+
+    def link(path: str) -> Link:
+        return Link(path, _address((fleet.folder / path).absolute(), page_folder))
+
+    def command(path: str) -> str:
+        return f"inspector serve {shlex.quote(str(fleet.folder / path))}"
+
+    sections = [
+        *fleet_sections(fleet, link, command),
+        Section("Method", [Bullets(METHOD)]),
+        Section("Made with", [Facts(versions()), Paragraph(f"Made {made}.", soft=True)]),
+    ]
+    title = f"Fleet: {fleet.folder.resolve().name}"
+    return render(Presentation(title, fleet_head(fleet, [("Made", made)]), sections))
+
+
+def _address(folder: Path, page_folder: Path) -> str:
+    """Address of a dataset's folder, relative to the page's where both are on one drive."""
+    try:
+        return quote(Path(os.path.relpath(folder, page_folder)).as_posix() + "/")
+    except ValueError:  # on another drive
+        return folder.as_uri()

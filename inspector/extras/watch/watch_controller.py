@@ -1,0 +1,72 @@
+"""Later measurements of the cell on show, compared with its calibration in the background."""
+
+from __future__ import annotations
+
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.errors import CalibError
+from calib.extras.watch.watched_cell import WatchedCell, watched_cell
+from inspector.app.page.tab_controller import Page, TabController
+from inspector.extras.watch.watch_panel import WatchPanel
+from inspector.server.background import Background
+from inspector.server.worker import LongWork
+from inspector.session.side_by_side import measured_dataset
+
+NOT_YET = "Nothing to compare them with yet: the model is fitted when the search has ended."
+ALONE = (
+    "This dataset is open alone: there is nothing that was measured later. Open a folder with a later measurement "
+    "of the same cell, too, or import one: Open your own data."
+)
+CHOOSE = "Choose what was measured later: three poses or more of the same cell."
+
+
+class WatchController(TabController):
+    """Controller that reads later measurements in the background and shows the changes of the cell."""
+
+    def __init__(self, page: Page, panel: WatchPanel) -> None:
+        self._folders, self._state, self._worker, self._panel = page.folders, page.state, page.worker, panel
+        self._measured: dict[str, Dataset] = {}
+        self._last: tuple[tuple[object, ...], Calibration, WatchedCell] | None = None
+        self._background = Background("watch")
+        panel.on_asked = self.ask
+
+    def close(self) -> None:
+        """End the thread."""
+        self._background.close()
+
+    def model_shown(self) -> None:
+        """Compare the chosen measurements with the model that was just drawn."""
+        self.ask()
+
+    def ask(self, forget: bool = False) -> None:
+        """Ask the worker for the changes at the chosen later datasets; `forget` clears the choice."""
+        if self._state.view is not None:
+            self._worker.submit("watch", lambda: self._show(forget))
+
+    def _show(self, forget: bool = False) -> LongWork:
+        """Long work that shows the changes of the cell at the chosen later datasets; `forget` clears the choice."""
+        base, name = self._state.session.calibration, self._state.name
+        self._panel.offer(name, tuple(n for n in self._folders if n != name), forget=forget)
+        chosen, moved = self._panel.chosen, self._panel.scanner_moved
+        if base is None or not chosen:
+            self._panel.say(NOT_YET if base is None else CHOOSE if len(self._folders) > 1 else ALONE)
+            return
+        asked = (chosen, moved)
+        if self._last is None or self._last[0] != asked or self._last[1] is not base:
+            if missing := [n for n in chosen if n not in self._measured]:
+                self._panel.say(f"Reading {', '.join(missing)} …")
+            try:
+                cell = yield from self._background.run(lambda: self._watched(base, chosen, moved=moved))
+            except CalibError as error:
+                self._panel.say(str(error), bad=True)
+                return
+            if cell is None or self._state.session.calibration is not base or self._panel.chosen != chosen:
+                return
+            self._last = (asked, base, cell)
+        self._panel.update(self._state.now, self._last[2])
+
+    def _watched(self, base: Calibration, chosen: tuple[str, ...], *, moved: bool) -> WatchedCell:
+        for name in chosen:
+            if name not in self._measured:
+                self._measured[name] = measured_dataset(self._folders[name])
+        return watched_cell(base, [self._measured[name] for name in chosen], scanner_moved=moved)

@@ -1,0 +1,30 @@
+"""HTML page on a watched cell: changes, the control chart, undetectable changes, repeats by ISO 9283."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from calib.extras.watch.present.changes import METHOD, cell_sections, cell_verdict, control_chart
+from calib.extras.watch.watched_cell import WatchedCell
+from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section
+from inspector.extras.watch import watch_plots
+from inspector.figures.svg.file import svg_file
+from inspector.report.page import render
+from inspector.report.report import versions
+
+
+def watch_html(base: str, cell: WatchedCell, *, now: datetime) -> str:
+    """HTML of the page on a cell whose earlier calibration is `base`."""
+    made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
+    head: list[Block] = [
+        KeyFigures([("Calibration", base), ("Measurements", len(cell.seen)), ("Made", made)]),
+        *cell_verdict(cell),
+        control_chart(cell.by_date),
+    ]
+    sections = [*cell_sections(cell), Section("Method", (Bullets(METHOD),)), Section("Made with", (Facts(versions()),))]
+    return render(Presentation(f"Watch: {base}", head, sections))
+
+
+def watch_svg(cell: WatchedCell) -> str:
+    """SVG file of the control chart."""
+    return svg_file(watch_plots.control_chart(cell.by_date), 850, 360, title="control chart")

@@ -1,0 +1,142 @@
+"""Causes that arms share, beside Fisher's exact test of scipy, and what chance alone makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from calib.array_types import BoolArray
+from calib.distributions import hypergeometric_sf
+from calib.extras.fleet.row import EffectSize, Row
+from calib.extras.fleet.shared_causes import best_range, best_since, shared_causes
+from calib.extras.fleet.present.fleets import cause_phrase
+from calib.rendering import numbers
+from tests.extras.fleet.rows import row
+
+
+def test_the_table_of_fishers_test_is_scipys() -> None:
+    population, cases = 23, 7
+    table = hypergeometric_sf(population, cases)
+    for drawn in (0, 1, 4, 11, 23):
+        for found in range(cases + 1):
+            inside, outside = found, cases - found
+            if inside > drawn or outside > population - drawn:  # more than there can be, or fewer
+                assert table[drawn, found] == pytest.approx(float(inside <= drawn), abs=1e-12)
+                continue
+            counts = [[inside, drawn - inside], [outside, population - drawn - outside]]
+            p = stats.fisher_exact(counts, alternative="greater").pvalue
+            assert table[drawn, found] == pytest.approx(p, rel=1e-9)
+
+
+def fleet(bad: set[int], count: int = 40, **of_bad: str) -> list[Row]:
+    """Arms A-1, A-2 ... of two sites in turn; the bad ones have a cause at joint 3."""
+    return [
+        row(f"d{k}", joint=3 if k in bad else None, serial=f"A-{k}", site="Ulm" if k % 2 else "Busan",
+            about=of_bad if k in bad else {})
+        for k in range(1, count + 1)
+    ]  # fmt: skip
+
+
+def test_a_batch_of_bad_gears_is_told_by_its_numbers() -> None:
+    (cause,) = shared_causes(fleet(set(range(11, 19))))
+    assert (cause.effect, cause.joint, cause.of, len(cause.arms)) == ("joint_compliance", 3, 40, 8)
+    (group,) = cause.groups
+    assert (group.what, group.value) == ("serial numbers", "A-11 to A-18")
+    assert (group.inside, group.outside) == ((8, 8), (0, 32))
+    assert group.p_value < 1e-4
+    assert "8 of 8 with serial numbers A-11 to A-18, 0 of 32 others" in cause_phrase(cause)
+
+
+def test_a_batch_is_told_by_a_key_of_about_where_its_arms_are_scattered() -> None:
+    bad = {2, 9, 16, 25, 30, 39}
+    arms = [
+        replace(r, about={"gear": "lot 17" if k in bad | {20} else f"lot {k % 3}"})
+        for k, r in enumerate(fleet(bad), start=1)
+    ]
+    (cause,) = shared_causes(arms)
+    (group,) = cause.groups
+    assert (group.what, group.value, group.inside, group.outside) == ("gear", "lot 17", (6, 7), (0, 33))
+
+
+def test_a_model_of_robot_is_held_against_the_others() -> None:
+    rows = [row(f"a{k}", joint=2 if k < 8 else None, serial=f"A{k}", robot="RB5") for k in range(12)]
+    rows += [row(f"b{k}", joint=2 if k < 1 else None, serial=f"B{k}", robot="UR10") for k in range(20)]
+    across = [cause for cause in shared_causes(rows) if not cause.robot]
+    assert [(c.groups[0].what, c.groups[0].value, c.groups[0].inside) for c in across] == [("robot", "RB5", (8, 12))]
+
+
+def test_an_arm_counts_once_by_its_last_dataset_and_minor_joints_do_not_count() -> None:
+    minor = EffectSize("joint_compliance", 5, "joint_compliance.J5.k_rad_per_nm", 1e-6, 1e-7, "rad/Nm", 0.05)
+    rows = [replace(r, sizes=(*r.sizes, minor)) if r.sizes else r for r in fleet({1, 2, 3}, 12)]
+    before = [replace(r, path=f"old/{r.path}", date="2025-01-01", missing=(), sizes=()) for r in rows]
+    after = [replace(r, date="2026-01-01") for r in rows]
+    (cause,) = shared_causes([*after, *before])
+    assert (cause.joint, cause.arms, cause.of) == (3, ("A-1", "A-2", "A-3"), 12)
+
+
+def test_chance_alone_is_told_as_a_group_about_as_rarely_as_promised() -> None:
+    rng = np.random.default_rng(5)
+    told = 0
+    for _ in range(10):
+        bad = set((1 + rng.permutation(30)[:8]).tolist())
+        (cause,) = shared_causes(fleet(bad, 30))
+        told += bool(cause.groups)
+    assert told <= 1  # expected: 0.1
+
+
+def test_a_cause_in_all_five_arms_since_a_number_stands_out_among_ten() -> None:
+    (cause,) = shared_causes(fleet({6, 7, 8, 9, 10}, 10))
+    group = cause.groups[0]
+    assert (group.what, group.value, group.inside, group.outside) == ("serial numbers since", "A-6", (5, 5), (0, 5))
+    assert group.p_value == pytest.approx(1 / 252 * 2.25, rel=0.3)  # one of 252 ways, corrected for the other tests
+    assert "5 of 5 with serial numbers since A-6" in cause_phrase(cause)
+
+
+def test_an_arm_whose_cause_is_suspected_counts_by_its_probability_and_all_its_dates() -> None:
+    rows = fleet({6, 7, 8, 9, 10}, 10)
+
+    def suspected(of: Row, p: float) -> Row:
+        return replace(of, missing=(), suspected=("joint_compliance",), likely={"joint_compliance": p})
+
+    some = [suspected(r, 0.7) if r.serial in ("A-7", "A-9") else r for r in rows]
+    (cause,) = shared_causes(some)
+    assert len(cause.arms) == 5
+    assert cause.groups[0].value == "A-6"
+    unlikely = [suspected(r, 0.3) if r.serial in ("A-7", "A-9") else r for r in rows]
+    assert len(shared_causes(unlikely)[0].arms) == 3
+    dated = [replace(r, path=f"{r.path}/{k}", date=f"2026-0{k}-01") for r in rows for k in (1, 2, 3)]
+    once = [suspected(r, 0.1) if r.date == "2026-03-01" and r.serial == "A-7" else r for r in dated]
+    assert len(shared_causes(once)[0].arms) == 5  # twice claimed, once not
+
+
+def test_the_place_since_which_a_cause_is_frequent_is_never_within_a_day() -> None:
+    has = np.array([False, False, True, False, True, True, True, True])
+    starts = np.array([True, False, False, True, False, False, True, True])
+    first, p = best_since(has, starts)
+    assert first == 3
+    ways = [np.isin(np.arange(8), places) for places in combinations(range(8), 5)]
+    best = [min(_fisher(way, k) for k in np.flatnonzero(starts)) for way in ways]
+    assert p == pytest.approx(np.mean(np.array(best) <= _fisher(has, 3) * (1 + 1e-9)))
+
+
+def _fisher(has: BoolArray, first: int) -> float:
+    behind = int(has[first:].sum())
+    return float(stats.hypergeom.sf(behind - 1, len(has), int(has.sum()), len(has) - first))
+
+
+def test_the_best_range_is_the_unlikeliest_and_its_probability_counts_all_ranges() -> None:
+    has = np.zeros(20, dtype=bool)
+    has[[3, 4, 5, 6, 15]] = True
+    first, last, p = best_range(has)
+    assert (first, last) == (3, 6)
+    alone = stats.hypergeom.sf(3, 20, 5, 4)
+    assert 3 * alone < p < 0.1
+
+
+def test_serial_numbers_are_in_the_order_of_their_numbers() -> None:
+    names = ["A-10", "A-9", "B-1", "A-9b", "10", "9"]
+    assert sorted(names, key=numbers.natural_order) == ["9", "10", "A-9", "A-9b", "A-10", "B-1"]

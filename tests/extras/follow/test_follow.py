@@ -1,0 +1,442 @@
+"""A folder that fills is followed: half-written files, late tables, wrong points, moved instruments, restarts."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.array_types import Array
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset, write_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.extras.follow.arrivals import SETTLED_S, FolderState
+from calib.extras.follow.campaign import Campaign, with_arrivals
+from calib.extras.follow.follower import PATIENCE_S, CampaignFollower, News
+from calib.extras.follow.judgement import PoseJudgement, turn_to_see
+from calib.extras.follow.present.campaign import campaign_head, judgement_document
+from calib.frames import best_fit_transform, rotation_from_rotvec
+from calib.kinematics.chain import Chain, forward
+from calib.kinematics.robot import Robot
+from calib.rendering.text import block_text
+from calib.simulation.simulate import simulate_dataset
+from calib.workcell.candidates import candidate_poses
+from calib.workcell.known_cell import workcell_of_robot
+from calib.workcell.measurable import REASONS, measurable
+from inspector.cli.parser import main
+
+POSES = 40
+ROBOT = builtin_robot("rb5")
+
+
+@cache
+def measured() -> Dataset:
+    """40 poses of an RB5, every fourth a test pose, with points of 0.05 mm noise."""
+    simulation = simulate_dataset(ROBOT, rng=np.random.default_rng(3), poses=POSES, noise_mm=0.05, name="campaign")
+    return simulation.dataset
+
+
+def with_moved(dataset: Dataset, since: int, what: str) -> Dataset:
+    """The dataset with its instrument or its target moved since a pose."""
+    points = dataset.points
+    assert points is not None
+    xyz_mm = points.xyz_mm.copy()
+    rows = points.pose >= since
+    if what == "instrument":
+        xyz_mm[rows] = xyz_mm[rows] @ rotation_from_rotvec([0.0, 0.002, 0.0]).T + [1.0, -0.6, 0.4]
+    else:
+        moved = replace(dataset.robot, tool=replace(dataset.robot.tool, d_mm=dataset.robot.tool.d_mm + 1.5))
+        at = [r.target_mm for r in (chain_of(dataset.robot, dataset), chain_of(moved, dataset))]
+        shift = (at[1] - at[0])[points.pose]
+        xyz_mm[rows] += (shift @ instrument_R_base(dataset).T)[rows]
+    return dataset.with_points(replace(points, xyz_mm=xyz_mm))
+
+
+def chain_of(robot: Robot, dataset: Dataset) -> Chain:
+    return forward(robot.table, dataset.poses.q, robot.is_revolute, robot.base_T_first)
+
+
+def instrument_R_base(dataset: Dataset) -> Array:
+    """Attitude of the base in the instrument's frame, by the nominal robot."""
+    points = dataset.points
+    assert points is not None
+    at_mm = chain_of(dataset.robot, dataset).target_mm[points.pose]
+    return best_fit_transform(at_mm, points.xyz_mm)[:3, :3]
+
+
+def first(dataset: Dataset, count: int) -> ArrivingDataset:
+    """What has arrived once the first poses were measured."""
+    points = dataset.points
+    assert points is not None
+    return ArrivingDataset(dataset.with_points(points.select(points.pose < count)))
+
+
+def measured_in_steps(dataset: Dataset, counts: Iterator[int] | list[int]) -> Campaign:
+    campaign = Campaign(dataset)
+    for count in counts:
+        campaign, _ = with_arrivals(campaign, first(dataset, count), {})
+    return campaign
+
+
+def test_the_error_is_predicted_and_falls_and_the_plan_is_followed() -> None:
+    dataset = measured()
+    early = measured_in_steps(dataset, [20])
+    late = measured_in_steps(dataset, [20, POSES])
+    assert early.outlook is not None
+    assert late.outlook is not None
+    assert late.outlook.now.geometry_mm < early.outlook.now.geometry_mm
+    left = {dataset.poses.ids[i] for i in range(20, POSES) if not dataset.poses.is_test[i]}
+    assert {n.pose for n in early.outlook.next} <= left
+    assert all(n.pose is None for n in late.outlook.next)  # the plan is measured: poses of the cell
+    assert len(late.good) == POSES
+    assert [count for count, _ in late.history] == [20, POSES]
+
+
+def test_a_wrong_point_is_doubtful_at_once_and_good_when_it_was_measured_again() -> None:
+    dataset = measured()
+    points = dataset.points
+    assert points is not None
+    at = int(np.flatnonzero(~dataset.poses.is_test)[25])
+    wrong = points.xyz_mm.copy()
+    wrong[points.pose == at] += [1.0, 0.0, 0.0]
+    spoilt = dataset.with_points(replace(points, xyz_mm=wrong))
+    campaign = measured_in_steps(spoilt, [at])
+    campaign, news = with_arrivals(campaign, first(spoilt, at + 1), {})
+    name = dataset.poses.ids[at]
+    assert [(j.pose, j.state, j.reason) for j in news] == [(name, "doubtful", "off")]
+    assert news[0].error_mm == pytest.approx(1.0, rel=0.4)
+    assert "measure it once more" in judgement_document(campaign, news[0])["why"]
+    assert name in campaign.open_poses
+    campaign, news = with_arrivals(campaign, first(dataset, at + 1), {})
+    assert [(j.pose, j.state) for j in news] == [(name, "good")]
+
+
+@pytest.mark.parametrize("what", ["instrument", "target"])
+def test_what_moved_in_the_middle_is_named_with_the_pose_and_its_size(what: str) -> None:
+    since = 24
+    dataset = with_moved(measured(), since, what)
+    campaign = measured_in_steps(dataset, [since, *range(since + 5, since + 12, 3)])
+    (shift,) = campaign.shifts
+    assert shift.what == what
+    assert abs(dataset.poses.ids.index(shift.first) - since) <= 2
+    assert shift.left_mm < 0.5 * shift.off_mm
+    if what == "target":
+        assert shift.moved_mm == pytest.approx(1.5, rel=0.3)
+    else:
+        assert shift.turned_rad == pytest.approx(0.002, rel=0.3)
+    assert len(campaign.good) >= since + 9  # fitted with a place or a target of their own, they are good
+    assert shift.first in block_text(*campaign_head(campaign))
+
+
+def test_nothing_moves_in_a_campaign_where_nothing_moved() -> None:
+    campaign = measured_in_steps(measured(), [20, *range(24, POSES + 1, 4)])
+    assert campaign.shifts == ()
+    assert {j.state for j in campaign.judged.values()} == {"good"}
+
+
+def test_the_least_turn_is_named_after_which_the_jig_is_seen() -> None:
+    cell = workcell_of_robot(ROBOT)
+    for q in candidate_poses(cell, 8, rng=np.random.default_rng(0)):
+        assert turn_to_see(cell, q) is None  # nothing of the cell hides it
+        away = q + np.radians([0.0, 0.0, 0.0, 0.0, 35.0, 0.0])
+        turn = turn_to_see(cell, away)
+        assert turn is not None
+        assert turn.blocked_by in REASONS
+        assert abs(turn.by) <= np.radians(40.0)  # the way back at the most, to the next step
+        away[turn.joint] += turn.by
+        assert measurable(cell, away).ok.all()
+
+
+# ---- files ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The campaign's folder without any point."""
+    write_dataset(measured(), tmp_path / "c")
+    (tmp_path / "c" / "points.csv").rename(tmp_path / "points.csv")
+    return tmp_path / "c"
+
+
+class Clock:
+    """Looks at a folder, as far apart as the test says."""
+
+    def __init__(self, folder: Path) -> None:
+        self.follower = CampaignFollower(folder)
+        self.now_s = 100.0
+
+    def look(self, after_s: float = 1.1 * SETTLED_S) -> News:
+        self.now_s += after_s
+        return self.follower.look(self.now_s)
+
+    def settle(self) -> list[PoseJudgement]:
+        """All news until the folder is at rest."""
+        return [j for _ in range(3) for j in self.look().judged]
+
+
+def test_a_line_that_is_half_written_waits_for_its_end(folder: Path) -> None:
+    lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    clock = Clock(folder)
+    assert clock.look().judged == ()  # the folder holds no points.csv yet
+    half = len(lines[3]) // 2
+    (folder / "points.csv").write_text("".join(lines[:3]) + lines[3][:half])
+    assert [j.pose for j in clock.look().judged] == list(measured().poses.ids[:2])
+    (folder / "points.csv").write_text("".join(lines[:4]))
+    assert [j.pose for j in clock.settle()] == [measured().poses.ids[2]]
+
+
+def test_a_restart_and_any_order_end_at_the_same_judgements(folder: Path) -> None:
+    header, *lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    shuffled = [lines[i] for i in np.random.default_rng(0).permutation(len(lines))]
+    slow, text = Clock(folder), header
+    for k in range(0, POSES, 10):
+        text += "".join(shuffled[k : k + 10])
+        (folder / "points.csv").write_text(text)
+        slow.settle()
+    again = Clock(folder)
+    again.settle()
+    one, two = slow.follower.campaign, again.follower.campaign
+    assert one is not None
+    assert two is not None
+    assert {i: j.state for i, j in one.judged.items()} == {i: j.state for i, j in two.judged.items()}
+    assert one.outlook is not None
+    assert two.outlook is not None
+    assert one.outlook.now.geometry_mm == pytest.approx(two.outlook.now.geometry_mm, rel=1e-6)
+
+
+def test_a_row_without_a_point_is_to_be_repeated_and_one_of_no_pose_waits(folder: Path) -> None:
+    lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    name = lines[2].split(",")[0]
+    blank = name + "," * lines[0].count(",") + "\n"
+    (folder / "points.csv").write_text("".join([lines[0], lines[1], blank, "later" + lines[3][lines[3].index(",") :]]))
+    judged = {j.pose: j for j in Clock(folder).settle()}
+    assert judged[name].state == "repeat"
+    assert judged[name].reason == "not seen"
+    assert "later" not in judged
+    assert load_arriving_dataset(folder).unknown == ("later",)
+
+
+def test_a_fault_in_a_table_is_told_once_when_it_lasts_and_forgotten_when_mended(folder: Path) -> None:
+    lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    clock = Clock(folder)
+    (folder / "points.csv").write_text("".join(lines[:3]) + lines[3].replace(lines[3].split(",")[1], "oops", 1))
+    first_look = clock.look()
+    assert (first_look.fault, first_look.judged) == ("", ())  # perhaps a writer in the middle of it
+    told = [clock.look(PATIENCE_S).fault for _ in range(3)]
+    assert len([fault for fault in told if fault]) == 1
+    assert "points.csv: line 4" in "".join(told)
+    (folder / "points.csv").write_text("".join(lines[:4]))
+    assert len(clock.settle()) == 3
+
+
+def test_a_file_counts_once_it_rests(tmp_path: Path) -> None:
+    path = tmp_path / "scan.ply"
+    state = FolderState().looked_again((tmp_path, tmp_path / "none"), 0.0)
+    assert state.settled(path) is None
+    path.write_bytes(b"a")
+    state = state.looked_again((tmp_path,), 1.0)
+    path.write_bytes(b"ab")
+    state = state.looked_again((tmp_path,), 1.0 + SETTLED_S)
+    assert state.settled(path) is None  # it grew since
+    state = state.looked_again((tmp_path,), 1.0 + 2.1 * SETTLED_S)
+    assert state.settled(path) is not None
+    assert state.is_at_rest
+
+
+@pytest.mark.slow
+def test_scans_are_searched_as_they_come_and_again_when_they_are_replaced(tmp_path: Path) -> None:
+    sample = Path("sample_data/rb5_jang")
+    folder = tmp_path / "scans"
+    shutil.copytree(sample, folder, ignore=shutil.ignore_patterns("*.ply"))
+    shutil.rmtree(folder / "scans")
+    clock = Clock(folder)
+    assert clock.look().judged == ()  # not even the folder of the scans is there
+    (folder / "scans").mkdir()
+    whole = (sample / "scans" / "p02.ply").read_bytes()
+    (folder / "scans" / "p02.ply").write_bytes(whole[:-1000])
+    assert clock.look().judged == ()
+    told = [*clock.look().judged, *clock.look(PATIENCE_S).judged]
+    assert [(j.pose, j.state, j.reason) for j in told] == [("p02", "repeat", "unreadable")]
+    (folder / "scans" / "p02.ply").write_bytes(whole)
+    shutil.copy(sample / "scans" / "p01.ply", folder / "scans")
+    assert {(j.pose, j.state) for j in clock.settle()} == {("p02", "good"), ("p01", "good")}
+
+
+def test_the_command_prints_a_json_line_for_each_pose_while_the_file_grows(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+
+    def write() -> None:
+        with (folder / "points.csv").open("w") as file:
+            for start in range(0, len(lines), 8):
+                file.writelines(lines[start : start + 8])
+                file.flush()
+                time.sleep(0.05)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    writer.join(0.1)
+    status = main(["follow", str(folder), "--json", "--once"])
+    writer.join()
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert status in (0, 1)
+    assert {line["pose"] for line in told} == set(measured().poses.ids)
+    assert {"pose", "state", "why", "predicted_mm", "next"} <= set(told[-1])
+    assert told[-1]["predicted_mm"] > 0.0
+
+
+def test_a_folder_where_nothing_was_measured_is_bad_input(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["follow", str(folder), "--once"]) == 2
+    assert "nothing was measured" in capsys.readouterr().err
+    assert main(["follow", str(folder / "none")]) == 2
+
+
+def test_a_name_that_the_plan_does_not_have_is_told_at_once_until_the_plan_has_it(folder: Path) -> None:
+    header, *lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    ids = measured().poses.ids
+    other = lines[1].replace(ids[1], "P-17"), lines[2].replace(ids[2], ids[2].upper() + " ")
+    clock = Clock(folder)
+    (folder / "points.csv").write_text("".join([header, lines[0], *other]))
+    news = clock.look()  # the writer may still be at it, but the lines are whole
+    assert [name.name for name in news.unknown] == ["P-17", ids[2].upper()]
+    assert [name.near for name in news.unknown] == [next(i for i in ids if i.strip("p0") == "17"), ids[2]]
+    assert [j.pose for j in news.judged] == [ids[0]]
+    assert [clock.look().unknown for _ in range(3)] == [()] * 3
+    campaign = clock.follower.campaign
+    assert campaign is not None
+    assert "points.csv has P-17" in block_text(*campaign_head(campaign))
+    poses = (folder / "poses.csv").read_text()
+    (folder / "poses.csv").write_text(poses + poses.splitlines(keepends=True)[2].replace(ids[1], "P-17"))
+    assert [j.pose for j in clock.settle()] == ["P-17"]
+    assert clock.follower.campaign is not None
+    assert [name.name for name in clock.follower.campaign.unknown] == [ids[2].upper()]
+
+
+def test_a_scan_of_no_pose_is_told(tmp_path: Path) -> None:
+    shutil.copytree(Path("sample_data/rb5_jang"), tmp_path / "s", ignore=shutil.ignore_patterns("*.ply"))
+    clock = Clock(tmp_path / "s")
+    clock.look()
+    for name in ("P_1.ply", ".p01.ply.part", "notes.txt"):
+        (tmp_path / "s" / "scans" / name).write_bytes(b"ply")
+    told = [name for _ in range(3) for name in clock.look().unknown]
+    assert [(name.name, name.near) for name in told] == [("scans/P_1.ply", "p01")]
+
+
+def test_the_command_tells_names_that_the_plan_does_not_have(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    header, *lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    ids = measured().poses.ids
+    (folder / "points.csv").write_text(header + lines[0] + lines[1].replace(ids[1], "shot 2"))
+    main(["follow", str(folder), "--json", "--once"])
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {line["pose"]: line["state"] for line in told} == {ids[0]: "good", "shot 2": "unknown"}
+    assert all(line["unknown"] == ["shot 2"] for line in told)
+    main(["follow", str(folder), "--once"])
+    assert "points.csv has shot 2, which poses.csv does not (yet)" in capsys.readouterr().out
+    (folder / "points.csv").write_text(header + lines[1].replace(ids[1], "shot 2"))
+    assert main(["follow", str(folder), "--once"]) == 2
+    assert "nothing was measured; points.csv has shot 2" in capsys.readouterr().err
+
+
+@pytest.mark.thorough
+def test_a_table_that_is_written_anew_each_time_tells_nothing_twice(folder: Path) -> None:
+    whole = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    clock, poses = Clock(folder), (folder / "poses.csv").read_text()
+    told: list[str] = []
+    for count in (12, 13, 14):
+        for part in ("", "".join(whole[:4]), "".join(whole[: count + 1])):  # emptied, half written, whole
+            (folder / "points.csv").write_text(part)
+            told += [j.pose for j in clock.look(0.2).judged]
+        told += [j.pose for j in clock.look().judged]
+        (folder / "points.csv").unlink()  # as one that is renamed into place
+        (folder / "poses.csv").write_text("".join(poses.splitlines(keepends=True)[:3]))
+        news = clock.look(0.2)
+        assert (news.judged, news.unknown, news.fault) == ((), (), "")
+        assert not clock.follower.is_at_rest
+        (folder / "poses.csv").write_text(poses)
+        (folder / "points.csv").write_text("".join(whole[: count + 1]))
+        told += [j.pose for j in clock.settle()]
+    assert sorted(told) == sorted(measured().poses.ids[:14])
+    campaign = clock.follower.campaign
+    assert campaign is not None
+    assert list(campaign.judged) == list(measured().poses.ids[:14])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_a_writer_does_to_the_tables_each_pose_is_told_once_and_all_ends_well(folder: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, poses, top = (folder / name for name in ("points.csv", "poses.csv", "dataset.toml"))
+    whole = (folder.parent / "points.csv").read_bytes()
+    head, *rows = whole.splitlines(keepends=True)
+    planned, told_toml = poses.read_bytes(), top.read_bytes()
+    clock, have, count, told = Clock(folder), head, 0, []
+
+    def garbled() -> None:
+        part = int(rng.integers(0, len(planned)))
+        match rng.integers(10):
+            case 0:
+                points.write_bytes(b"")
+            case 1:
+                points.unlink(missing_ok=True)
+            case 2:
+                points.write_bytes(have + bytes(64))  # the end of a block that the writer has not reached
+            case 3:
+                points.write_bytes(b"\xef\xbb\xbf" + have.replace(b"\n", b"\r\n"))
+            case 4:
+                points.write_bytes(head + b"".join(rows[i] for i in rng.permutation(count)))
+            case 5 if points.exists():
+                os.utime(points, (1e9, 1e9))  # a clock that was set back
+            case 6:
+                poses.write_bytes(planned[:part])
+            case 7:
+                top.write_bytes(told_toml[: min(part, len(told_toml))])
+            case 8 if count:
+                points.write_bytes(have + rows[int(rng.integers(count))])  # twice
+            case _:
+                points.write_bytes(have + rows[min(count, POSES - 1)][: int(rng.integers(1, 30))])
+
+    for _ in range(60):
+        if rng.random() < 0.5:
+            garbled()
+        else:
+            count = min(count + 1, POSES)
+            have = head + b"".join(rows[:count])
+            for path, content in ((points, have), (poses, planned), (top, told_toml)):
+                path.write_bytes(content)
+        told += clock.look(float(rng.choice([0.1, 0.5, 1.0, 4.0]))).judged
+    for path, content in ((points, whole), (poses, planned), (top, told_toml)):
+        path.write_bytes(content)
+    told += [j for _ in range(4) for j in clock.look(2.0).judged]
+    fresh = Clock(folder)
+    fresh.settle()
+    one, two = clock.follower.campaign, fresh.follower.campaign
+    assert one is not None
+    assert two is not None
+    assert clock.follower.is_at_rest
+    assert {i: j.state for i, j in one.judged.items()} == {i: j.state for i, j in two.judged.items()}
+    assert len(told) <= POSES + 4  # once each, but where a state changed
+
+
+@pytest.mark.thorough
+def test_rows_that_were_deleted_are_gone_once_that_lasts(folder: Path) -> None:
+    whole = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    clock = Clock(folder)
+    (folder / "points.csv").write_text("".join(whole[:13]))
+    clock.settle()
+    (folder / "points.csv").write_text("".join(whole[:12]))
+    assert clock.look().judged == ()
+    assert clock.follower.campaign is not None
+    assert len(clock.follower.campaign.judged) == 12
+    clock.look(PATIENCE_S)
+    assert len(clock.follower.campaign.judged) == 11
+    assert clock.follower.is_at_rest

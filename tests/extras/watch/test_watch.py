@@ -1,0 +1,177 @@
+"""What check poses say of a cell that MuJoCo measured: unchanged, the arm, the scanner, or the noise."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import About
+from calib.dataset.files.folder import write_dataset
+from calib.errors import FitError
+from calib.extras.watch.watch import ChangeReport, watch
+from inspector.cli.parser import main
+from tests.support.checked_cell import Cell
+
+pytestmark = pytest.mark.slow
+ARMS = 4
+Drawn = tuple[np.random.Generator, Cell, Calibration]
+
+
+@pytest.fixture(scope="module")
+def cells() -> list[Drawn]:
+    out = []
+    for seed in range(ARMS):
+        rng = np.random.default_rng(seed)
+        cell = Cell.drawn(rng)
+        out.append((rng, cell, calibrate(cell.measured(rng, 64, "base"))))
+    return out
+
+
+def whats(seen: ChangeReport) -> list[str]:
+    return [f"{change.what} {change.joint or ''}".strip() for change in seen.changes]
+
+
+def test_an_unchanged_cell_raises_no_alarm(cells: list[Drawn]) -> None:
+    seen = [watch(base, cell.measured(rng)) for rng, cell, base in cells for _ in range(6)]
+    assert [w.verdict for w in seen].count("unchanged") >= len(seen) - 1
+    calm = next(w for w in seen if w.verdict == "unchanged")
+    assert "unchanged" in calm.headline
+    assert calm.rmse_mm < 4.0 * calm.expected_mm
+
+
+@pytest.mark.parametrize("joint", [2, 3])
+def test_a_slipped_joint_is_named_with_its_size(cells: list[Drawn], joint: int) -> None:
+    by = np.radians(0.03)
+    for rng, cell, base in cells:
+        found = watch(base, cell.with_changes({f"theta{joint}": by}).measured(rng))
+        assert whats(found) == [f"joint_zero {joint}"]
+        change = found.changes[0]
+        assert abs(change.size - by) < 4.0 * change.sigma < by
+        assert f"zero of joint {joint} (theta{joint})" in found.headline
+
+
+def test_a_scanner_that_moved_is_never_blamed_on_the_arm(cells: list[Drawn]) -> None:
+    for rng, cell, base in cells:
+        for size in (0.1, 1.0, 10.0):
+            moved = cell.with_scanner_moved(rng.normal(size=3) * size * 1e-4, rng.normal(size=3) * size)
+            new = moved.measured(rng)
+            found = watch(base, new)
+            assert whats(found) in (["scanner"], []), found.headline  # a tenth of a millimetre may pass unseen
+            assert whats(found) == ["scanner"] or size == 0.1
+            assert watch(base, new, scanner_moved=True).verdict == "unchanged"
+            elsewhere = replace(new, poses=replace(new.poses, setup=np.full(len(new.poses), "another")))
+            assert watch(base, elsewhere).verdict == "unchanged"  # a placement that the earlier fit does not know
+
+
+def test_a_slip_beside_a_moved_scanner_is_still_found(cells: list[Drawn]) -> None:
+    for rng, cell, base in cells:
+        changed = cell.with_changes({"theta3": np.radians(0.08)}).with_scanner_moved(
+            np.array([0.01, 0.0, 0.0]), np.array([5.0, 0.0, 0.0])
+        )
+        assert whats(watch(base, changed.measured(rng))) == ["joint_zero 3", "scanner"]
+
+
+def test_a_tool_that_moved_and_more_noise(cells: list[Drawn]) -> None:
+    for rng, cell, base in cells:
+        found = watch(base, cell.with_changes({"aTCP": 0.4}).measured(rng))
+        assert whats(found)[0] == "tool"
+        assert np.linalg.norm(found.changes[0].vector) == pytest.approx(0.4, abs=0.2)
+        new = cell.measured(rng, 12)
+        assert new.points is not None
+        more_mm = 0.25 * rng.normal(size=new.points.xyz_mm.shape)
+        noisy = new.with_points(replace(new.points, xyz_mm=new.points.xyz_mm + more_mm))
+        assert whats(watch(base, noisy)) == ["noise"]
+
+
+def test_what_is_promised_is_found(cells: list[Drawn]) -> None:
+    rng, cell, base = cells[0]
+    poses = cell.measured(rng)
+    calm = watch(base, poses, scanner_moved=True)
+    sizes = {(d.what, d.joint): d.size for d in calm.detectable if d.what == "joint_zero"}
+    assert sizes["joint_zero", 1] is None or sizes["joint_zero", 1] > 5 * (sizes["joint_zero", 3] or 0.0)
+    size = sizes["joint_zero", 3]
+    assert size is not None
+    hits = [
+        watch(base, cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q), scanner_moved=True).changes
+        for _ in range(20)
+    ]
+    assert sum(map(bool, hits)) >= 16  # 19 of 20 are promised
+
+
+def test_too_few_poses_and_another_robot_are_refused(cells: list[Drawn]) -> None:
+    rng, cell, base = cells[0]
+    with pytest.raises(FitError, match="found 2 measured poses"):
+        watch(base, cell.measured(rng, 2))
+    panda = Cell.drawn(rng, "panda")
+    with pytest.raises(FitError, match="other joints"):
+        watch(base, panda.measured(rng))
+
+
+def test_the_command_tells_it_and_its_exit_code_alarms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(7)
+    cell = Cell.drawn(rng)
+    march = cell.measured(rng, 64, "march")
+    q = np.repeat(march.poses.q[:4], 2, axis=0)  # visited again, and twice
+    later = cell.with_changes({"theta2": np.radians(0.05)}).measured(rng, q=q)
+    for dataset, name, date in (
+        (march, "march", "2026-03-02"), (cell.measured(rng, q=q), "april", "2026-04-01"),
+        (later, "october", "2026-10-01"),
+    ):  # fmt: skip
+        write_dataset(replace(dataset, name=name, about=About(date=date)), tmp_path / name)
+    folders = [str(tmp_path / name) for name in ("march", "april", "october")]
+    assert main(["watch", *folders[:2]]) == 0
+    assert "unchanged" in capsys.readouterr().out
+    out = {suffix: tmp_path / f"watch{suffix}" for suffix in (".csv", ".svg", ".html")}
+    backwards = [folders[0], *folders[:0:-1]]
+    written = [part for path in out.values() for part in ("--out", str(path))]
+    assert main(["watch", *backwards, *written, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert [w["verdict"] for w in document["new"]] == ["changed", "unchanged"]
+    changed = document["new"][0]
+    assert (changed["changes"][0]["what"], changed["changes"][0]["joint"]) == ("joint_zero", 2)
+    assert {"what", "joint", "size", "sigma", "unit"} <= set(changed["changes"][0])
+    assert changed["rmse_mm"] > changed["limit_mm"] > document["rmse_mm"]
+    assert len(document["iso9283"]) == 4
+    assert [s["visits"] for s in document["iso9283"][0]["sessions"]] == [1, 2, 2]
+    assert document["iso9283"][0]["dap_mm"] > 0.1
+    table = pd.read_csv(out[".csv"])
+    assert table["name"].tolist() == ["april", "october"]  # by date
+    assert table["joint_zero_2_deg"][1] == pytest.approx(0.05, abs=0.01)
+    assert ElementTree.parse(out[".svg"]).getroot().tag.endswith("svg")
+    page = out[".html"].read_text()
+    assert "no certificate" in page
+    assert "2026" in page
+    assert main(["watch", folders[0], str(tmp_path / "none")]) == 2
+    assert main(["watch", *folders, "--out", str(tmp_path / "watch.png")]) == 2
+    assert "found the suffix '.png'" in capsys.readouterr().err
+    assert main(["watch", *folders, "--out", str(tmp_path / "april" / "points.csv")]) == 2
+
+
+def test_a_scanner_far_from_where_it_was_is_no_noise(cells: list[Drawn]) -> None:
+    rng, cell, base = cells[1]
+    for k in range(10):  # turns beside shifts: rad and mm are many powers of ten apart
+        moved = cell.with_scanner_moved(rng.normal(size=3) * 10 ** (-0.4 * k - 1), rng.normal(size=3))
+        assert whats(watch(base, moved.measured(rng))) == ["scanner"]
+
+
+def test_residuals_that_happened_to_be_small_make_no_alarms() -> None:
+    rng = np.random.default_rng([0, *b"UR10e"])
+    cell = Cell.drawn(rng)
+    base = calibrate(cell.measured(rng, 64, "base"))
+
+    def with_residuals(reduced_chi: float) -> Calibration:
+        covariance = (reduced_chi / base.fit.reduced_chi) ** 2 * base.fit.covariance
+        return replace(base, fit=replace(base.fit, reduced_chi=reduced_chi, covariance=covariance))
+
+    lucky, poses = with_residuals(0.8), cell.measured(rng)
+    assert watch(lucky, poses).expected_mm == pytest.approx(0.05 * np.sqrt(3.0))
+    quiet = with_residuals(0.3)  # no chance: the scanner is better than declared
+    assert watch(quiet, poses).expected_mm == pytest.approx(0.3 * 0.05 * np.sqrt(3.0))
