@@ -34,10 +34,11 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue.order_steps import Step
 from calib.extras.watch.change_models import SCANNER
+from calib.extras.watch.plugin import CHECK_POSES
 from calib.extras.watch.promised_sizes import PromisedSize, promised_sizes
 from calib.extras.watch.series import watch_series
 from calib.extras.watch.watch import ChangeReport, watch
-from calib.extras.watch.watch_criterion import CHECK_POSES, check_poses, usual_changes
+from calib.extras.watch.watch_criterion import check_poses, usual_changes
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.planning.unknowns import unknowns_of_fit

@@ -12,9 +12,10 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.extras.watch.change_tests import DETECTABLE_Z
+from calib.extras.watch.plugin import CHECK_POSES
 from calib.extras.watch.promised_sizes import promised_sizes
 from calib.extras.watch.watch import ChangeReport, watch
-from calib.extras.watch.watch_criterion import CHECK_POSES, CheckedChange, check_poses, usual_changes
+from calib.extras.watch.watch_criterion import CheckedChange, check_poses, usual_changes
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.planning.unknowns import unknowns_of_fit
