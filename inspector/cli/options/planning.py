@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.options import PLAN_CRITERIA
+from calib.planning.purpose import purposes
 from inspector.cli.options import values
 from inspector.cli.options.declaration import argument, option, several
 from inspector.cli.options.shared import FittingOptions, RobotFileOptions
@@ -24,8 +25,7 @@ class PlanOptions(FittingOptions, RobotFileOptions):
         parse=values.pose_count,
     )
     purpose: str = option(
-        "calibration (default), split (settle a set that a diagnosis left open), prove (the same by changing one "
-        "condition; of a robot, what gives way under a payload), watch (8 check poses), or effects with commas between",
+        ", ".join([*(purpose.help for purpose in purposes().values()), "or effects with commas between"]),
         "calibration",
         metavar="WHAT",
         spelled=["--for"],

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
+from calib.extras.watch.present.changes import series, watch_document, watch_summary
 from calib.extras.watch.watched_cell import WatchedCell, watched_cell
 from calib.present import to_dict
-from calib.extras.watch.present.changes import series, watch_document, watch_summary
 from calib.text_files.csv_text import frame_csv
 from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
