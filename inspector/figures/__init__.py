@@ -29,21 +29,19 @@ _RESULTS = (
     "where_measured",
     "work_space",
 )
-_HOME = {
-    **dict.fromkeys(_RESULTS, "inspector.figures.results.of_results"),
-    **{name: brought.module for brought in contributions(Figures) for name in brought.names},
-    "to_svg": "inspector.figures.results.still",
-}
+_HOME = {**dict.fromkeys(_RESULTS, "inspector.figures.results.of_results"), "to_svg": "inspector.figures.results.still"}
+_CONTRIBUTED = {name: brought.module for brought in contributions(Figures) for name in brought.names}
 
 __all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> object:
     """Figure function by its name, loaded on first use (PEP 562). Raises CalibError where plotly is not installed."""
-    if name not in _HOME:
+    home = _HOME.get(name) or _CONTRIBUTED.get(name)
+    if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
-        module = import_module(_HOME[name])
+        module = import_module(home)
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "plotly":
             raise
@@ -59,4 +57,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted({*globals(), *__all__, *_CONTRIBUTED})

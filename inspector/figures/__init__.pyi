@@ -1,11 +1,9 @@
 """The figures of results as type checkers see them: what `__init__.py` loads when it is first asked for."""
 
 from inspector.figures.results.of_results import added_variable as added_variable
-from inspector.figures.results.of_results import control_chart as control_chart
 from inspector.figures.results.of_results import convergence as convergence
 from inspector.figures.results.of_results import error_bars as error_bars
 from inspector.figures.results.of_results import error_history as error_history
-from inspector.figures.results.of_results import fleet_errors as fleet_errors
 from inspector.figures.results.of_results import learned_curves as learned_curves
 from inspector.figures.results.of_results import learning_curve as learning_curve
 from inspector.figures.results.of_results import moved_by_change as moved_by_change
@@ -14,18 +12,15 @@ from inspector.figures.results.of_results import ranking as ranking
 from inspector.figures.results.of_results import redundancy_heatmap as redundancy_heatmap
 from inspector.figures.results.of_results import reprojection as reprojection
 from inspector.figures.results.of_results import residuals_over as residuals_over
-from inspector.figures.results.of_results import series_chart as series_chart
 from inspector.figures.results.of_results import where_measured as where_measured
 from inspector.figures.results.of_results import work_space as work_space
 from inspector.figures.results.still import to_svg as to_svg
 
 __all__ = [
     "added_variable",
-    "control_chart",
     "convergence",
     "error_bars",
     "error_history",
-    "fleet_errors",
     "learned_curves",
     "learning_curve",
     "moved_by_change",
@@ -34,7 +29,6 @@ __all__ = [
     "redundancy_heatmap",
     "reprojection",
     "residuals_over",
-    "series_chart",
     "to_svg",
     "where_measured",
     "work_space",

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from calib.extras.fleet.run import Workers
-from inspector.cli import fleet_command
+from inspector.extras.fleet import fleet_command
 from inspector.cli.parser import main
 from tests.support.fleet import write_cell
 
