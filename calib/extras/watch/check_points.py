@@ -21,10 +21,6 @@ from calib.extras.watch.misfit import MOST_POSES, Misfit
 from calib.extras.watch.prediction_spread import Spread
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, whitener
-from calib.extras.watch.change_models import ChangeModel, change_models_of_arm
-from calib.extras.watch.change_tests import ChangeTests
-from calib.extras.watch.misfit import MOST_POSES, Misfit
-from calib.extras.watch.prediction_spread import Spread
 
 _FEWEST = 3  # check poses
 _FEWEST_DOF = 8.0  # of the noise, whatever its errors are like

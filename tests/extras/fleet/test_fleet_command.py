@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 
 from calib.extras.fleet.run import Workers
-from inspector.extras.fleet import fleet_command
 from inspector.cli.parser import main
+from inspector.extras.fleet import fleet_command
 from tests.support.fleet import write_cell
 
 HOSTILE = "<b>lot</b> & 17"
