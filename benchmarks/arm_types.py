@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.files.folder import load_dataset
 from calib.extras.fleet.arm_type import fit_from_type, learn_type, type_report
 from tests.support.fleet_of_type import drawn_fleet

@@ -29,10 +29,9 @@ import second_engine
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import CATALOGUE, catalogue_names, effects_named
 from calib.errors import CalibError
 from calib.simulation.measured_dataset import Simulation

@@ -18,8 +18,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from simulated import ROOT  # noqa: F401  # finds the packages
 
+from calib import diagnose
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.diagnose import diagnose
 from tests.support.engine.cases import Case, simulate
 
 NAMED = "joint_compliance"

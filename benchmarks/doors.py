@@ -22,9 +22,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from calib import diagnose
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import CATALOGUE

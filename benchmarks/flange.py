@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Poses
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.errors import CalibError

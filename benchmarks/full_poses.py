@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from simulated import random_q
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError

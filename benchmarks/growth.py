@@ -17,12 +17,10 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for, effects_named
-from calib.screening.candidates import screen
 from calib.simulation.simulate import simulate_dataset
 
 COUNTS = (64, 1000, 10000)

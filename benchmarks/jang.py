@@ -16,8 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from calib.calibration.calibrate import calibrate
-from calib.corners.batch import find_corners
+from calib import calibrate, find_corners
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.repeats import repeats_of

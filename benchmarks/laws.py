@@ -25,8 +25,7 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.third_engine import interval
-from calib.calibration.calibrate import calibrate
-from calib.diagnosis.diagnose import diagnose
+from calib import calibrate, diagnose
 from calib.errors import CalibError
 from calib.screening.curves.laws import law_kind
 from calib.screening.curves.smooth_joint_error import FormulaModes

@@ -32,7 +32,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from calib.corners.batch import find_corners  # noqa: E402
+from calib import find_corners  # noqa: E402
 from calib.dataset.files.folder import load_dataset  # noqa: E402
 from calib.scans.scan import Scan, write_scan  # noqa: E402
 from tests.support.scan_scene import make_scene  # noqa: E402

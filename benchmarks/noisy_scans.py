@@ -18,11 +18,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from calib import diagnose
 from calib.corners.batch import declared_noise, of_one_jig
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, find_corner
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.measurement.measured_points import found_corners, with_corners
 from calib.simulation.scanner import PLAIN_MODEL, STRUCTURED_LIGHT, ScanModel
 from calib.simulation.simulate import simulate_dataset

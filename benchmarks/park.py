@@ -17,11 +17,11 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
+from calib import redundancy  # noqa: E402
 from calib.fitting.model import geometric_model  # noqa: E402
 from calib.fitting.observations import Observations  # noqa: E402
 from calib.fitting.position_residuals import PositionResiduals  # noqa: E402
 from calib.fitting.trust_region import solve  # noqa: E402
-from calib.identifiability.structural import redundancy  # noqa: E402
 from calib.kinematics.robot import Robot  # noqa: E402
 from tests.support.arms import PANDA_CASES, RB5_CASES, REFERENCE, dataset_of, park_arm, perturbed  # noqa: E402
 

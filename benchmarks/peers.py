@@ -36,8 +36,7 @@ import numpy as np
 from simulated import NOISE_MM, Array, random_q, rms_3d, ur10  # isort: skip  (sets the paths)
 from peer_worker import along, mdh_of, spin
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
 from calib.fitting.model import geometric_model

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.calibration.calibrate import calibrate
-from calib.corners.batch import find_corners
+from calib import calibrate, find_corners
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot

@@ -38,10 +38,10 @@ from scipy.optimize import minimize
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from calib import diagnose
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.probabilities import UNKNOWN, Answer, cause_probabilities, questions
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError

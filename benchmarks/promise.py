@@ -93,7 +93,7 @@ def compare_halves(folders: Sequence[Path]) -> None:
             sides = [calib.calibrate(half(dataset, np.flatnonzero(of), way)) for of in (first, ~first)]
             for kind, inflation in kinds.items():
                 with patch.object(comparison, "misfit_inflation", inflation):
-                    found = comparison.compare(*sides)
+                    found = comparison.comparison_of(*sides)
                 z = np.array([each.z for each in found.parameters if each.sigma > 0.0])
                 share, changes = float(np.mean(np.abs(z) < 2.0)), [change.name for change in found.changes]
                 shares.setdefault((way, kind), []).append(share)

@@ -21,9 +21,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from settling import EFFECTS, NOISE_MM, ROBOTS, Arm, with_more
 
+from calib import diagnose
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.extras.proof_plan.proof_plan import NextChange, next_change
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset

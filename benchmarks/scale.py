@@ -32,7 +32,7 @@ def child(count: int, residual: str) -> None:
     """Measure one number of poses in this process and print a line of JSON."""
     from simulated import NOISE_MM, anywhere, measured, off_by, random_q
 
-    from calib.calibration.calibrate import calibrate
+    from calib import calibrate
     from calib.dataset.files.robot_toml import builtin_robot
     from calib.fitting.model import geometric_model
     from calib.fitting.observations import Observations

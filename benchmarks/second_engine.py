@@ -25,9 +25,8 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.dataset import Points
-from calib.diagnosis.diagnose import diagnose
 from calib.errors import CalibError
 from tests.support.engine.cases import UNFORESEEN, Case, Simulated, simulate
 from tests.support.engine.classes import CLASSES, cases

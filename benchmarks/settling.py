@@ -25,9 +25,9 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from calib import diagnose
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.errors import CalibError
 from calib.planning.discrimination_criterion import for_confounded
 from calib.planning.plan import plan_poses

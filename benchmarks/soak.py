@@ -50,8 +50,8 @@ from websockets.sync.client import connect
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from calib import diagnose
 from calib.calibration.result import Calibration
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import CATALOGUE
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD

@@ -28,9 +28,8 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import catalogue_names
 from calib.errors import CalibError

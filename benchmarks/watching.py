@@ -24,14 +24,12 @@ from promise import half
 from scipy.stats import chi2, ncx2
 from simulated import unit, ur10e
 
-from calib import frames
+from calib import calibrate, diagnose, frames
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue.order_steps import Step
 from calib.extras.watch.change_models import SCANNER
 from calib.extras.watch.plugin import CHECK_POSES

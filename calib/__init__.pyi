@@ -1,11 +1,20 @@
 """The public names as type checkers see them: those that `__init__.py` imports when they are first used."""
 
-from calib.calibration.calibrate import calibrate as calibrate
+from calib.api.causes import diagnose as diagnose
+from calib.api.causes import screen as screen
+from calib.api.corners import find_corners as find_corners
+from calib.api.correction import corrected_joints as corrected_joints
+from calib.api.fits import calibrate as calibrate
+from calib.api.fits import redundancy as redundancy
+from calib.api.plans import plan as plan
+from calib.api.validation import check as check
+from calib.api.validation import compare as compare
+from calib.api.validation import cross_validate as cross_validate
+from calib.api.validation import learning_curve as learning_curve
+from calib.api.validation import repeat as repeat
 from calib.calibration.result import Calibration as Calibration
 from calib.compensation.target_correction import Correction as Correction
-from calib.compensation.target_correction import corrected_joints as corrected_joints
 from calib.corners.batch import CornerBatch as CornerBatch
-from calib.corners.batch import find_corners as find_corners
 from calib.corners.intersection import Corner as Corner
 from calib.corners.intersection import Intersection as Intersection
 from calib.corners.intersection import intersect_planes as intersect_planes
@@ -16,7 +25,6 @@ from calib.dataset.dataset import Points as Points
 from calib.dataset.dataset import Poses as Poses
 from calib.dataset.files.folder import load_dataset as load_dataset
 from calib.dataset.files.folder import write_dataset as write_dataset
-from calib.diagnosis.diagnose import diagnose as diagnose
 from calib.diagnosis.result import Diagnosis as Diagnosis
 from calib.effects.catalogue import catalogue_names as catalogue_names
 from calib.effects.effect import Effect as Effect
@@ -24,7 +32,6 @@ from calib.effects.effect import Family as Family
 from calib.effects.effect import Parameter as Parameter
 from calib.errors import CalibError as CalibError
 from calib.identifiability.redundancy import Redundancy as Redundancy
-from calib.identifiability.structural import redundancy as redundancy
 from calib.jig import Jig as Jig
 from calib.kinematics.robot import Robot as Robot
 from calib.models.fitted_model import FittedModel as FittedModel
@@ -33,25 +40,18 @@ from calib.models.model_file import save_model as save_model
 from calib.noise_shape import NoiseShape as NoiseShape
 from calib.options import FitOptions as FitOptions
 from calib.planning.plan import Plan as Plan
-from calib.planning.plan import plan as plan
 from calib.robot_formats.robots import load_robot as load_robot
 from calib.robot_formats.robots import save_robot as save_robot
 from calib.scans.scan import Scan as Scan
 from calib.scans.scan import load_scan as load_scan
 from calib.screening.candidates import Candidate as Candidate
 from calib.screening.candidates import Screening as Screening
-from calib.screening.candidates import screen as screen
 from calib.simulation.measured_dataset import Simulation as Simulation
 from calib.simulation.simulate import simulate_dataset as simulate_dataset
 from calib.validation.acceptance import Check as Check
-from calib.validation.acceptance import check as check
 from calib.validation.comparison import Comparison as Comparison
-from calib.validation.comparison import compare as compare
 from calib.validation.cross_validation import CrossValidation as CrossValidation
-from calib.validation.cross_validation import cross_validate as cross_validate
 from calib.validation.learning_curve import LearningCurve as LearningCurve
-from calib.validation.learning_curve import learning_curve as learning_curve
 from calib.validation.repeat import Recurrence as Recurrence
-from calib.validation.repeat import repeat as repeat
 
 __version__: str

@@ -9,7 +9,7 @@ import json
 
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.files.folder import find_datasets, load_dataset
 from tests.support import golden
 

@@ -15,11 +15,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from calib.calibration.calibrate import calibrate
-from calib.corners.batch import find_corners
+from calib import calibrate, diagnose, find_corners
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.measurement.measured_points import with_corners
 from calib.scans.scan import load_scan
 from calib.simulation.measured_dataset import Simulation

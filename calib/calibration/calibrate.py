@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Unpack
 
 import numpy as np
 
@@ -13,11 +11,10 @@ from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.arm_as_noise import ROUNDS, arm_noise, counts_arm_as_noise, with_arm_noise
 from calib.calibration.evaluation import evaluate_all
-from calib.calibration.result import Calibration, FittedResult
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.lengths import with_directions
 from calib.dataset.repeats import average_repeats
-from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.effects.place_errors import place_errors_of
@@ -42,57 +39,35 @@ from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.kinematics.statics import uncertain_loads
-from calib.measurement.measured_dataset import measured_as_asked
-from calib.options import LINKS, FitFields, FitOptions
+from calib.options import LINKS, FitOptions
 
 _LENGTH_ROUNDS = 6  # in which the lines of measured lengths are made anew
 _SAME_LINE_MM = 0.05  # by which the end of a line may still move: of a metre it changes the length by a nanometre
 
 
 @one_blas_thread()
-def calibrate(
-    dataset: Dataset | str | Path,
+def fit_measured(
+    dataset: Dataset,
     options: FitOptions | None = None,
     *,
-    effects: EffectChoice | Sequence[EffectChoice] = (),
+    effects: Sequence[Effect] = (),
     prior_sigmas: Mapping[str, float] | None = None,
     start: Calibration | None = None,
-    **keywords: Unpack[FitFields],
 ) -> Calibration:
-    """Fit the link errors, and further effects, to the training poses of a dataset.
+    """Calibration of a dataset with measured points: the link errors and given effects, fitted to its training poses.
 
-    Repeats of one pose count once, by their mean; errors are evaluated at every measurement.
-    With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are computed with its
-    links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is neglected.
-
-    Args:
-        dataset: a dataset or its folder; where it holds scans only, their corners are found first.
-        options: options of the fit; the result keeps them.
-        effects: effects beyond the link errors: names of the catalogue, families, or single members.
-        prior_sigmas: prior standard deviations of the effects' parameters, by full name, in place of their scales.
-        start: an earlier fit of the same arm, from whose parameters the iterations start.
-        **keywords: fields of `FitOptions`, in place of those of `options`.
-
-    Raises:
-        FitError: no points, an unknown name, an impossible option, or fewer equations than unknowns.
-
-    >>> import calib
-    >>> calib.calibrate("sample_data/hidden_effect_a")
-    Calibration(hidden_effect_a: 64 poses, test RMSE 2.32 -> 0.415 mm, effects: none)
-    >>> fit = calib.calibrate("sample_data/hidden_effect_a", effects=["transmission_error"], robust=True)
-    >>> fit.model.family_names
-    ('transmission_error',)
+    The function for users, `calib.calibrate`, says what is fitted how; `options` are by default the usual ones of the
+    dataset. Raises FitError.
     """
-    dataset, options = measured_as_asked(dataset, options, keywords)
-    options = with_links_held(options, dataset.robot)
-    members = effects_named(dataset, effects)
+    options = with_links_held(options or FitOptions(residual=dataset.usual_residual), dataset.robot)
+    members, prior_sigmas = tuple(effects), prior_sigmas or {}
     if dataset.points is None or dataset.points.lengths is None:
-        calibration = _calibrated(dataset, options, members, prior_sigmas or {}, start)
+        calibration = _calibrated(dataset, options, members, prior_sigmas, start)
         if not counts_arm_as_noise(calibration, options):
             return calibration
         noise = arm_noise(calibration, dataset)
         for _ in range(ROUNDS):
-            calibration = _calibrated(with_arm_noise(dataset, noise), options, members, prior_sigmas or {}, start)
+            calibration = _calibrated(with_arm_noise(dataset, noise), options, members, prior_sigmas, start)
             before, noise = noise, arm_noise(calibration, dataset)
             if noise.is_near(before):
                 break
@@ -100,7 +75,7 @@ def calibrate(
     if options.residual != "position" or options.robust:
         raise FitError(f"dataset {dataset.name}: measured lengths take residual position, and no robust fit")
     for _ in range(_LENGTH_ROUNDS):
-        calibration = _calibrated(dataset, options, members, prior_sigmas or {}, start)
+        calibration = _calibrated(dataset, options, members, prior_sigmas, start)
         seen_mm = _seen_from_anchors(calibration)
         turned = float(np.abs(seen_mm - dataset.points.xyz_mm).max())
         dataset, start = dataset.with_points(with_directions(dataset.points, seen_mm)), calibration
@@ -204,11 +179,6 @@ def _with_prior(model: Model, options: FitOptions) -> Model:
     sigmas = {name: sigma for name, sigma in prior.sigmas.items() if name not in asked}
     means = {name: mean for name, mean in prior.means.items() if name not in asked}
     return replace(model, prior_sigmas={**model.prior_sigmas, **sigmas}, prior_means=means)
-
-
-def as_calibration(fitted: FittedResult | Dataset | str | Path, **keywords: Unpack[FitFields]) -> Calibration:
-    """Calibration that a result holds or, for a dataset, a fit of the link errors. Raises as `calibrate`."""
-    return fitted.calibration if isinstance(fitted, FittedResult) else calibrate(fitted, **keywords)
 
 
 def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray]:

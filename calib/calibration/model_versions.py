@@ -9,7 +9,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import Evaluation, scanner_T_base_of_points, scanner_T_base_of_poses
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
@@ -76,7 +76,7 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
     if not calibration.model.family_names:
         return (*out, fitted_version(LINKS, calibration))
     if links is None or not fits_same_points(links, calibration):
-        links = calibrate(calibration.dataset, options_for_links(calibration))
+        links = fit_measured(calibration.dataset, options_for_links(calibration))
     return (*out, fitted_version(LINKS, links), fitted_version(EFFECTS, calibration))
 
 

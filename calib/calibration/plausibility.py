@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.result import Calibration, is_declared
 from calib.distributions import chi2_ppf
 from calib.effects.effect import exceeded_bound, full_name
@@ -122,7 +122,7 @@ def fit_without_outliers(calibration: Calibration) -> Calibration | None:
     if options.robust or calibration.residual == "distance":
         return None
     try:
-        robust = calibrate(
+        robust = fit_measured(
             calibration.dataset,
             replace(options, robust=True),
             effects=model.added_effects,

@@ -19,7 +19,7 @@ from calib.dataset.dataset import Poses
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
 from calib.fitting.scanner_frame import whitened_motion
-from calib.identifiability.structural import absorbed_by_scanner_frame, redundancy
+from calib.identifiability.structural import absorbed_by_scanner_frame, redundancy_of
 from calib.statistics import covariance_root
 
 CORRELATED = 0.8
@@ -89,7 +89,7 @@ def identifiable_combinations(calibration: Calibration) -> tuple[Combination, ..
     Left out are sums whose sigma is not below half their tolerance at these poses, and groups that a motion of the
     scanner's frame can replace (d1, theta1 - beta1).
     """
-    analysis = redundancy(calibration.dataset)
+    analysis = redundancy_of(calibration.dataset)
     blind = set(absorbed_by_scanner_frame(calibration.dataset))
     names = {p.name for p in calibration.fit.parameters}
     row = {name: i for i, name in enumerate(analysis.parameters)}

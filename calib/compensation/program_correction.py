@@ -19,7 +19,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.compensation.postures import Place, Posture, flange_frames, postures_at, tool_row
-from calib.compensation.target_correction import Correction, Corrects, corrected_joints
+from calib.compensation.target_correction import Correction, Corrects, correction_of
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
@@ -128,7 +128,7 @@ def corrected_program(
     row_of = {k: row for row, k in enumerate(rows)}
     q0 = np.array([known[k].q for k in rows]).reshape(-1, nominal.n_joints)
     ids = [program.targets[k].name for k in rows]
-    correction = corrected_joints(nominal, calibrated, q0, kind=kind, ids=ids)
+    correction = correction_of(nominal, calibrated, q0, kind=kind, ids=ids)
     correction = _where_the_tool_is_known(correction, [known[k] for k in rows])
     moves: list[TargetMove] = []
     values: dict[int, Array] = {}

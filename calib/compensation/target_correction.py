@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -49,7 +48,6 @@ from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.lazy_modules import pd
 from calib.options import CORRECTION_KINDS
 from calib.presented import Presented
-from calib.robot_formats.robots import load_robot
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
@@ -133,8 +131,8 @@ class Corrects(Protocol):
 
 
 @one_blas_thread()
-def corrected_joints(
-    nominal: Robot | str | Path,
+def correction_of(
+    nominal: Robot,
     calibrated: Corrects | Robot | Model,
     q_nominal: ArrayLike,
     *,
@@ -144,29 +142,7 @@ def corrected_joints(
     known: FitKnowledge | None = None,
     ids: Sequence[str] | None = None,
 ) -> Correction:
-    """Joint vectors that give the calibrated arm the tool frame that the nominal arm has with `q_nominal`.
-
-    Args:
-        nominal: the robot that the controller computes with, its file or name; its joint limits hold.
-        calibrated: a calibration, a diagnosis, a model from a file, a robot, or a `Model` with x.
-        q_nominal: (N, n) rad, mm for prismatic joints.
-        x: (P,) fitted parameters of a `Model`.
-        conditions: payload, temperature ... of each target, for effects that depend on them; its own q is not used.
-        kind: "pose" (position and orientation of the tool frame) or "position" alone; None: a pose for six joints and
-            more, unless the attitude's sigma is not better than the turn that the correction would make.
-        known: covariance and ranges of the fit, for a `Model` or a robot; None: it is taken as exact.
-        ids: names of the targets, for messages.
-
-    Raises:
-        FitError: joint vectors of the wrong shape or not finite, arms that differ in their joints, or a `Model`
-            without x.
-
-    >>> import calib
-    >>> fit = calib.calibrate("sample_data/hidden_effect_a")
-    >>> calib.corrected_joints(fit.dataset.robot, fit, fit.dataset.poses.q[:5])
-    Correction(RB5-850: 5 of 5 targets reached (position))
-    """
-    nominal = load_robot(nominal)
+    """Joint vectors that give the calibrated arm the nominal arm's tool frame: see `calib.corrected_joints`."""
     if isinstance(calibrated, Corrects):
         if x is not None or known is not None:
             raise FitError(f"a {type(calibrated).__name__} has its own parameters; leave out x and known")

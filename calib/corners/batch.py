@@ -20,14 +20,13 @@ from calib.corners.jig_angles import JigAngles, with_common_angles
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
-from calib.dataset.files.folder import as_dataset
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
 from calib.lazy_modules import pd
 from calib.parallel import map_as_completed
 from calib.planes.filters import SampleSets
 from calib.presented import Presented
-from calib.progress import OnProgress, counted
+from calib.progress import OnProgress
 from calib.scans.scan import PointCount, Scan, load_scan
 
 
@@ -74,42 +73,16 @@ class CornerBatch(dict[str, CornerSearch], Presented):
         return f"{self.dataset.name}: {found} of {len(self)} corners found"
 
 
-def find_corners(
-    dataset: Dataset | str | Path,
+def corners_of(
+    dataset: Dataset,
     *,
-    progress: bool = False,
     on_progress: OnProgress | None = None,
     executor: Executor | None = None,
     in_flight: int = 64,
     intermediate: bool = True,
     search: Callable[[Path], CornerSearch] | None = None,
 ) -> CornerBatch:
-    """Corners of all poses' scans by pose id, in the dataset's order, without poses that are left out.
-
-    Each job loads its own scan, so no more scans are in memory than jobs run at a time, and uses one BLAS thread
-    wherever it runs, so the result is the same to the bit. A scan that cannot be read becomes a failed search with
-    `unreadable` set. Where all scans are searched for one jig, the angles between its faces are estimated once from all
-    of them (`calib.corners.jig_angles`).
-
-    Args:
-        dataset: a dataset with scans, or its folder.
-        progress: show a bar, in a notebook's cell or at the terminal.
-        on_progress: called with (done, total, pose_id) after each scan.
-        executor: runs the jobs: threads, processes, Dask's `Client.get_executor()`, any `concurrent.futures.Executor`.
-        in_flight: jobs that are with the executor at a time; twice its workers or more.
-        intermediate: keep the arrays that are only displayed, some 2 MB for a scan of 200,000 points.
-        search: job done with a scan's file, where it is to look for other targets.
-
-    Raises:
-        DatasetError: the dataset has no scans.
-        CornerError: a process of the executor died.
-
-    >>> import calib
-    >>> dataset = calib.load_dataset("sample_data/rb5_jang")
-    >>> calib.find_corners(dataset.leave_out(dataset.poses.ids[2:]))
-    CornerBatch(rb5_jang: 2 of 2 corners found)
-    """
-    dataset = as_dataset(dataset)
+    """Corners of all poses' scans of a dataset: see `calib.find_corners`."""
     rows = [i for i, pose_id in enumerate(dataset.poses.ids) if pose_id not in dataset.left_out]
     ids = [dataset.poses.ids[i] for i in rows]
     paths = [dataset.scan_path(i) for i in rows]
@@ -125,11 +98,10 @@ def find_corners(
     )
     searches: dict[int, CornerSearch] = {}
     try:
-        with counted("corners", "scan", asked=progress, then=on_progress) as tell:
-            for pose, result in map_as_completed(search, scans, executor, in_flight):
-                searches[pose] = result
-                if tell is not None:
-                    tell(len(searches), len(ids), ids[pose])
+        for pose, result in map_as_completed(search, scans, executor, in_flight):
+            searches[pose] = result
+            if on_progress is not None:
+                on_progress(len(searches), len(ids), ids[pose])
     except BrokenExecutor:
         raise CornerError(
             f"dataset {dataset.name!r}: a process died after {len(searches)} of {len(ids)} scans, perhaps for want of "

@@ -12,7 +12,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.reprojection import full_pose_errors
 from calib.camera.ball import SeenBall, balls_in
 from calib.camera.board import Board, board_of
@@ -31,6 +31,7 @@ from calib.kinematics.ball_hand_eye import ball_hand_eye
 from calib.kinematics.board_hand_eye import board_hand_eye
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
+from calib.options import FitOptions
 from calib.progress import OnProgress
 from calib.rendering import numbers
 from calib.statistics import rms
@@ -436,7 +437,7 @@ def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     for _ in range(_SIGMA_ROUNDS):
         scanner = Scanner(point_sigma_mm=sigmas[0], orientation_sigma_rad=float(np.radians(sigmas[1])))
         try:
-            fitted = calibrate(_to_fit(given, robot, ids, q, scanner), residual="pose")
+            fitted = fit_measured(_to_fit(given, robot, ids, q, scanner), FitOptions("pose"))
         except CalibError:
             return None
         errors = full_pose_errors(fitted)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.consistency.agreement import Sample, misfit_mm, sample_of
 from calib.consistency.data_problem import Suspicions, suspicions
 from calib.consistency.joint_reading import JointReading
@@ -197,7 +197,7 @@ def _scale_mm(robot: Robot, sample: Sample) -> float:
 def _suspicions(sheet: Sheet, robot: Robot, names: Sequence[str]) -> Suspicions:
     """Likely mistakes in the data, found by fitting the links; none where no fit is possible."""
     try:
-        return suspicions(calibrate(sheet.dataset(robot)), calibrate, names)
+        return suspicions(fit_measured(sheet.dataset(robot)), fit_measured, names)
     except CalibError:
         return Suspicions(None)
 

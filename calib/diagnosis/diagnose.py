@@ -14,8 +14,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import Unpack
 
 import numpy as np
 
@@ -44,12 +42,8 @@ from calib.diagnosis.moves import (
     step_of,
 )
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit
-from calib.effects.catalogue import EffectChoice, effects_named
-from calib.effects.effect import Family
-from calib.measurement.measured_dataset import measured_as_asked
-from calib.options import FitFields, FitOptions
-from calib.progress import OnStep, staged
+from calib.diagnosis.search_space import SearchSpace, first_fit
+from calib.progress import OnStep
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.noise_search import noise_of_repeats, noise_of_residual
 from calib.screening.projected_residual import project_residual
@@ -60,56 +54,9 @@ MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called
 
 
 @one_blas_thread()
-def diagnose(
-    dataset: Dataset | str | Path,
-    options: FitOptions | None = None,
-    *,
-    effects: EffectChoice | Sequence[EffectChoice] = (),
-    user_effects: Sequence[Family] = (),
-    max_steps: int = MAX_EFFECTS,
-    progress: bool = False,
-    on_step: OnStep | None = None,
-    **keywords: Unpack[FitFields],
-) -> Diagnosis:
-    """Verdict on which physical effects are missing from the five-parameter model, with the evidence for each.
-
-    Where effects are left that these data cannot tell apart, `calib.planning.discrimination.next_poses` has the poses
-    to measure next; the diagnosis' own `summary()` and `to_dict()` include them.
-
-    Args:
-        dataset: a dataset or its folder; test poses only confirm. Where it holds scans only, corners are found first.
-        options: options of every fit.
-        effects: effects that are in the model from the start: names of the catalogue, families, or single members.
-        user_effects: families beyond the catalogue.
-        max_steps: largest number of effects to add.
-        progress: show the stage under way, in a notebook's cell or at the terminal.
-        on_step: called with a line of text before each stage.
-        **keywords: fields of `FitOptions`, in place of those of `options`.
-
-    Raises:
-        FitError, CalibError: too few poses, an unknown name, an impossible option.
-
-    >>> import calib
-    >>> found = calib.diagnose("sample_data/hidden_effect_a")
-    >>> found
-    Diagnosis(hidden_effect_a: named, effects: transmission_error; test RMSE 2.32 -> 0.1 mm)
-    >>> found.predict(found.calibration.dataset.poses.q[:2]).shape
-    (2, 3)
-    """
-    dataset, options = measured_as_asked(dataset, options, keywords)
-    space = SearchSpace.of(
-        dataset,
-        options,
-        given=effects_named(dataset, effects, user_effects),
-        user_effects=user_effects,
-        max_effects=max_steps,
-    )
-    with staged(asked=progress, then=on_step) as tell:
-        return whole_diagnosis(space, tell or (lambda line: None))
-
-
-def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
+def whole_diagnosis(space: SearchSpace, on_step: OnStep | None = None) -> Diagnosis:
     """Diagnosis of a dataset, reached by following every recommended move from the fit of the link errors on."""
+    tell = on_step or (lambda line: None)
     repeated = None if _has_lengths(space.dataset) else noise_of_repeats(space.dataset)
     if repeated is not None:
         space = replace(space, options=replace(space.options, noise=repeated.shape))

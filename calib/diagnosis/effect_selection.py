@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from calib.brief import Brief
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
@@ -182,7 +182,7 @@ def calibrate_with(
     for effect in selected:
         prior_sigmas |= effect.prior_sigmas
     members = [member for effect in selected for member in effect.members]
-    return calibrate(dataset, options, effects=[*effects, *members], prior_sigmas=prior_sigmas, start=start)
+    return fit_measured(dataset, options, effects=[*effects, *members], prior_sigmas=prior_sigmas, start=start)
 
 
 def recalled(

@@ -15,7 +15,7 @@ from calib.diagnosis.moves import Stop, Tie, next_effect, straight_steps
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, without_one
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
-from calib.screening.candidates import screen
+from calib.screening.candidates import screening_of
 from calib.screening.curves.law_search import FoundLaws
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text, is_law
 from calib.screening.left_out import far_test_poses
@@ -145,7 +145,7 @@ def _equivalent_in_model(space: SearchSpace, last: FitStep, name: str, equivalen
         return equivalent
     names = {name, *equivalent} - {effect.name for effect in others}
     families = [family for family in space.families if family.name in names]
-    return equivalent_to(name, screen(space.fit(others, last.calibration), families))
+    return equivalent_to(name, screening_of(space.fit(others, last.calibration), families))
 
 
 # ---- learned curves -------------------------------------------------------------------------------------------------

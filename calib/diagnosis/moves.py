@@ -37,7 +37,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit, members_anew, step_after, with_candidate, without_one
 from calib.diagnosis.verdict import Refusal
 from calib.effects.effect import Effect, Family, full_name
-from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
+from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening, screening_of
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.projected_residual import project_residual
@@ -324,7 +324,7 @@ def _without_and_anew(space: SearchSpace, without: FitStep, name: str) -> FitSte
     selected = members_anew(space, without.selected, without.calibration, len(without.selected))
     fitted = space.fit(selected, without.calibration)
     own = [family for family in space.families if family.name == name]
-    return replace(without, selected=selected, calibration=fitted, screening=screen(fitted, own))
+    return replace(without, selected=selected, calibration=fitted, screening=screening_of(fitted, own))
 
 
 def _parts_given_up(
@@ -351,12 +351,12 @@ def _parts_given_up(
             kept = effect.without(part)
             selected = (*step.selected[:k], *([kept] if kept.members else []), *step.selected[k + 1 :])
             fitted = space.fit(selected, step.calibration)
-            screening = screen(fitted, families)
+            screening = screening_of(fitted, families)
             rivals = [c for c in _without(screening, dropped).candidates if is_convincing(c)]
             if not rivals:
                 continue
             without = FitStep("", selected, fitted, left_out=step.left_out, screening=screening)
-            own = screen(without.calibration, [Family(f"{effect.name} of one joint", part)]).candidates
+            own = screening_of(without.calibration, [Family(f"{effect.name} of one joint", part)]).candidates
             if not own or (kept.members and rivals[0].log_evidence > own[0].log_evidence + MIN_OVER_SELECTED):
                 instead = _addition(space, without, dropped, tell)
                 if isinstance(instead, AddEffect) and len(selected) < space.max_effects:

@@ -22,7 +22,7 @@ from calib.effects.catalogue import available_family, effects_for
 from calib.effects.effect import Effect, Family
 from calib.noise_shape import NoiseShape
 from calib.options import FitOptions
-from calib.screening.candidates import Candidate, Screening, screen
+from calib.screening.candidates import Candidate, Screening, screening_of
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 MAX_EFFECTS = 3  # that a search adds unless asked otherwise
@@ -67,7 +67,7 @@ class SearchSpace:
 
     def screen(self, calibration: Calibration) -> Screening:
         """Screening of every effect that is not in a fit's model, against the residual of that fit."""
-        return screen(calibration, self.families)
+        return screening_of(calibration, self.families)
 
     def ranked(self, step: FitStep) -> FitStep:
         """A fit step completed by its screening of candidate effects."""
@@ -92,7 +92,7 @@ def without_one(space: SearchSpace, step: FitStep, k: int, *, everything: bool) 
     fitted = space.fit(selected, step.calibration)
     family = space.family(step.selected[k].name)
     own = [] if family is None else [family]
-    screening = space.screen(fitted) if everything else screen(fitted, own)
+    screening = space.screen(fitted) if everything else screening_of(fitted, own)
     return FitStep("", selected, fitted, left_out=step.left_out, screening=screening)
 
 
@@ -106,7 +106,7 @@ def members_anew(
         if family is None:
             continue
         others = (*out[:k], *out[k + 1 :])
-        found = screen(space.fit(others, start), [family]).candidates
+        found = screening_of(space.fit(others, start), [family]).candidates
         if found and found[0].members and found[0].members != effect.members:
             out[k] = SelectedEffect.of(found[0])
     return tuple(out)

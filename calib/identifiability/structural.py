@@ -16,14 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.folder import as_dataset
 from calib.effects.link_errors import target_parameter_names
 from calib.errors import FitError
 from calib.fitting.observations import Observations, with_observed_targets
@@ -51,18 +49,8 @@ _OBSERVED = {"position": "the measured point", "pose": "the full pose, apart fro
 
 
 @one_blas_thread()
-def redundancy(dataset: Dataset | str | Path, *, residual: str = "position") -> Redundancy:
-    """Redundancy of parameters at the dataset's training poses, for the nominal robot (Park 2022, section 3).
-
-    Args:
-        dataset: a dataset or its folder; measured points are not needed.
-        residual: "position" or "pose", with the scanner's frame known; "distance" or "pairs", which need no frame.
-
-    >>> import calib
-    >>> calib.redundancy("sample_data/hidden_effect_a")
-    Redundancy(35 parameters, rank ..., ... dropped)
-    """
-    dataset = as_dataset(dataset)
+def redundancy_of(dataset: Dataset, *, residual: str = "position") -> Redundancy:
+    """Redundancy of parameters at a dataset's training poses, as `calib.redundancy` describes it."""
     columns, norms, names, units = _at_training_poses(dataset, residual, frame_known=True)
     return analyse(
         columns,
@@ -78,7 +66,7 @@ def absorbed_by_scanner_frame(dataset: Dataset) -> tuple[str, ...]:
     """Parameters that act like a motion of the scanner's frame at the training poses, so no fit finds them."""
     if not dataset.robot.carries_scanner:
         try:
-            return redundancy(dataset, residual="distance").no_influence
+            return redundancy_of(dataset, residual="distance").no_influence
         except FitError:  # all training poses have the target at one point: no distance, and the frame absorbs all
             pass
     columns, norms, names, units = _at_training_poses(dataset, "position", frame_known=False)

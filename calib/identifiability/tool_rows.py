@@ -14,7 +14,7 @@ from calib.effects.link_errors import target_parameter_names
 from calib.fitting.model import Model
 from calib.fitting.tool_point import behind_last_axis
 from calib.identifiability.redundancy import Redundancy
-from calib.identifiability.structural import redundancy
+from calib.identifiability.structural import redundancy_of
 
 _ROW = "TCP"
 
@@ -37,7 +37,7 @@ def tool_rows(dataset: Dataset, *, residual: str = "position", model: Model | No
     if model is not None and own is not None:
         unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.fixed)
         return ToolRows((), {}, unseen, residual, point=target_parameter_names(own))
-    rows = rows_of_tool(redundancy(dataset, residual=residual), residual)
+    rows = rows_of_tool(redundancy_of(dataset, residual=residual), residual)
     return replace(rows, on_flange=dataset.robot.carries_scanner)
 
 

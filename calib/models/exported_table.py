@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.brief import Brief
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.model_versions import fits_same_points, options_for_links
 from calib.calibration.result import Calibration
@@ -107,7 +107,7 @@ def exported_table(calibration: Calibration, links: Calibration | None = None) -
     if set(calibration.model.geometry_names) <= calibration.model.fixed:
         return ExportedTable(calibration, None)
     if links is None or links.model.added_effects or not fits_same_points(links, calibration):
-        links = calibrate(calibration.dataset, options_for_links(calibration))
+        links = fit_measured(calibration.dataset, options_for_links(calibration))
     return ExportedTable(calibration, links)
 
 

@@ -16,7 +16,7 @@ from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.promise import Discrepancy, FitUncertainty, PointPromise, fit_uncertainty, promised_at_points
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.compensation.attitude import FitKnowledge
-from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
+from calib.compensation.target_correction import Correction, correction_of, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
@@ -159,7 +159,7 @@ class FittedModel(Presented):
         known = FitKnowledge(
             covariance, frozenset(self.options.fixed), full_poses, self.trained, residual_mm, self.discrepancy
         )
-        return corrected_joints(
+        return correction_of(
             robot, self.model, q_nominal, x=self.x, conditions=conditions, kind=kind, known=known, ids=ids
         )
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
@@ -83,7 +83,7 @@ def refit(model: FittedModel, dataset: Dataset, what: str, options: FitOptions |
     of_links = {*old.parameter_names, *model.model.geometry_names}
     fixed = tuple(dict.fromkeys((*options.fixed, *(name for name in model.options.fixed if name in of_links))))
     asked = replace(options, fixed=(*fixed, *(name for name in held_links if name not in fixed)))
-    fitted = calibrate(replace(dataset, robot=start), asked, effects=[held] if pairs else [])
+    fitted = fit_measured(replace(dataset, robot=start), asked, effects=[held] if pairs else [])
     whole = _whole_model(model, fitted, held.effects)
     fit = _whole_fit(fitted, whole, np.concatenate([np.zeros(0), *held.values]))
     before, after = evaluate_all(whole, [whole.delivered(fit.x), fit.x], dataset, fitted.outliers)

@@ -2,43 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.calibration.result import FittedResult
-from calib.dataset.dataset import Dataset, Poses
-from calib.diagnosis.diagnose import diagnose
+from calib.dataset.dataset import Poses
 from calib.diagnosis.result import Diagnosis
-from calib.effects.catalogue import EffectChoice, family_of
+from calib.effects.catalogue import family_of
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
 from calib.identifiability.structural import fewest_poses
 from calib.kinematics.joint_range import random_poses
-from calib.kinematics.robot import Robot
-from calib.measurement.measured_dataset import asked_of, measured
-from calib.options import PLAN_CRITERIA, PLAN_REGIONS, FitFields, FitOptions, fit_options
+from calib.options import PLAN_CRITERIA, PLAN_REGIONS
 from calib.planning.criterion import DesignCriterion, DesignProblem, ForCalibration, PlanTask
 from calib.planning.effect_criterion import ForEffects
 from calib.planning.exchange import best_poses
 from calib.planning.outcome import Discriminates, Outcome, PoseReason
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
-from calib.planning.purpose import CALIBRATION, FURTHER, PlanPurpose, purposes
-from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
-from calib.planning.unknowns import DEFAULT_NOISE_MM
+from calib.planning.purpose import CALIBRATION, PlanPurpose, purposes
+from calib.planning.start import FromRobot, Start
 from calib.planning.ways import Way, ways_to
 from calib.plugins import load
 from calib.presented import Presented
-from calib.robot_formats.robots import load_robot
 from calib.workcell.candidates import candidate_poses
-from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.order import clear_ways, order_poses
 
 FIRST_SET = 20  # poses to plan for a robot that was never measured, where no number is given
@@ -336,87 +326,6 @@ def criterion_of(name: str, optimality: str = "I", *, payload_kg: float | None =
     return ForEffects(names, payload_kg)
 
 
-def plan(
-    known: FittedResult | Dataset | Robot | str | Path,
-    count: int | None = None,
-    options: FitOptions | None = None,
-    *,
-    purpose: str = CALIBRATION,
-    criterion: str = "I",
-    region: str = "auto",
-    effects: EffectChoice | Sequence[EffectChoice] = (),
-    user_effects: Sequence[Family] = (),
-    payload_kg: float | None = None,
-    noise_mm: float = DEFAULT_NOISE_MM,
-    base_T_scanner: ArrayLike | None = None,
-    seed: int = 0,
-    on_step: Callable[[str], None] | None = None,
-    **keywords: Unpack[FitFields],
-) -> Plan:
-    """Plan of the poses to measure next, with the predicted error of a fit to them.
-
-    Args:
-        known: a calibration or diagnosis, a dataset or its folder, or a robot, its file or its name.
-        count: number of poses; None: 20 for a robot, else 5, or what the purpose takes.
-        options: options of the fit of a dataset or robot.
-        purpose: "calibration", "split" (effects that a diagnosis left confounded), one that a plug-in brings ("watch",
-            check poses; "prove", a cause by changing a condition), or names of effects with commas between.
-        criterion: "I" (least error over the region) or "D" (best known parameters), for a calibration.
-        region: poses at which the error is predicted: "auto", "test", "measurable" or "all", see `plan_poses`.
-        effects: effects that the model of a dataset has; the diagnosis is then left out.
-        user_effects: families beyond the catalogue.
-        payload_kg: payload that the arm may carry at some poses, for effects that a load shows.
-        noise_mm: standard deviation per coordinate of a measured point, mm, for a robot that was never measured.
-        base_T_scanner: (4, 4) pose of the scanner, where it is set up anew.
-        seed: seed of the candidate poses.
-        on_step: called with a line of text before each stage of a diagnosis.
-        **keywords: fields of `FitOptions`, in place of those of `options`.
-
-    Raises:
-        CalibError: too few poses can be measured, or a purpose, effect or option that cannot be planned for.
-
-    >>> import calib
-    >>> fit = calib.calibrate("sample_data/hidden_effect_a", effects="transmission_error")
-    >>> calib.plan(fit, 3)
-    Plan(hidden_effect_a: 3 poses for calibration, predicted RMSE 0.06... -> 0.05... mm)
-    """
-    if isinstance(known, Dataset) or (isinstance(known, str | Path) and Path(known).is_dir()):
-        known, options = asked_of(known, options, keywords)
-    else:
-        options = fit_options(options, keywords)
-    scanner = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)
-    asked = purposes().get(purpose)
-    design = None if asked and asked.of_diagnosis else criterion_of(purpose, criterion, payload_kg=payload_kg)
-    if isinstance(known, Dataset):
-        known = measured(known, orientation=options.residual == "pose")
-    robot = None
-    if not isinstance(known, Dataset | FittedResult):
-        robot = FromRobot(workcell_of_robot(load_robot(known), base_T_scanner=scanner), noise_mm, options)
-    if asked and design is None:
-        if robot is not None and asked.of_robot:
-            task = task_of_robot(asked, robot, count, payload_kg, seed)
-        else:
-            known = _diagnosed(known, asked, options, effects, user_effects, on_step)
-            task = task_of_diagnosis(asked, known, count, payload_kg)
-    else:
-        assert design is not None
-        usual = FURTHER if asked is None else asked.usual_count
-        start: FromFit | FromRobot
-        if robot is not None:
-            start, usual = robot, FIRST_SET
-        elif isinstance(known, FittedResult):
-            start = FromFit(known.calibration, scanner)
-        else:
-            assert isinstance(known, Dataset)
-            start = start_of_dataset(
-                known, options, effects=effects, user_effects=user_effects, base_T_scanner=scanner, on_step=on_step
-            )
-        task = PlanTask(start, usual if count is None else count, design)
-    return plan_poses(
-        task.start, task.count, criterion=task.criterion, region=region, user_effects=user_effects, seed=seed
-    )
-
-
 def task_of_diagnosis(
     purpose: PlanPurpose, diagnosis: Diagnosis, count: int | None, payload_kg: float | None
 ) -> PlanTask:
@@ -431,21 +340,3 @@ def task_of_robot(
     """Poses that serve a purpose for an arm that was never measured; `count` None leaves their number to it."""
     task: PlanTask = load(purpose.of_robot)(robot, count, payload_kg, seed)
     return task
-
-
-def _diagnosed(
-    known: FittedResult | Dataset | Robot | str | Path,
-    purpose: PlanPurpose,
-    options: FitOptions,
-    effects: EffectChoice | Sequence[EffectChoice],
-    user_effects: Sequence[Family],
-    on_step: Callable[[str], None] | None,
-) -> Diagnosis:
-    """Diagnosis to plan from, made if a dataset is given. Raises CalibError for anything else."""
-    if isinstance(known, Diagnosis):
-        return known
-    if isinstance(known, Dataset):
-        return diagnose(known, options, effects=effects, user_effects=user_effects, on_step=on_step)
-    raise CalibError(
-        f'purpose "{purpose.name}" is for effects left confounded by a diagnosis; give a diagnosis or a dataset'
-    )

@@ -12,13 +12,13 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.noise_level import check_sigma
 from calib.calibration.promise import missed_variance
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
-from calib.diagnosis.diagnose import diagnose
-from calib.effects.catalogue import EffectChoice, effects_named
+from calib.diagnosis.diagnose import whole_diagnosis
+from calib.diagnosis.search_space import SearchSpace
 from calib.effects.effect import Effect, Family
 from calib.errors import CalibError
 from calib.fitting.observations import conditions_at
@@ -205,7 +205,7 @@ def start_of_dataset(
     dataset: Dataset,
     options: FitOptions,
     *,
-    effects: EffectChoice | Sequence[EffectChoice] = (),
+    effects: Sequence[Effect] = (),
     user_effects: Sequence[Family] = (),
     base_T_scanner: Array | None = None,
     on_step: Callable[[str], None] | None = None,
@@ -225,11 +225,10 @@ def start_of_dataset(
     require_points(dataset)
     if base_T_scanner is not None:
         require_scanner_in_room(dataset)
-    members = effects_named(dataset, effects, user_effects)
-    calibration = calibrate(dataset, options, effects=members)
+    calibration = fit_measured(dataset, options, effects=effects)
     check = check_sigma(calibration)
-    if members or check.verdict != "excess" or not check.declared_mm:
+    if effects or check.verdict != "excess" or not check.declared_mm:
         return FromFit(calibration, base_T_scanner)
-    diagnosis = diagnose(dataset, options, user_effects=user_effects, on_step=on_step)
+    diagnosis = whole_diagnosis(SearchSpace.of(dataset, options, user_effects=user_effects), on_step)
     diagnosed = DiagnosedModel(check.sigma_mm / check.declared_mm, diagnosis.verdict == "ambiguous")
     return FromFit(diagnosis.calibration, base_T_scanner, diagnosed)

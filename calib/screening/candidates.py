@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
-from calib.calibration.calibrate import as_calibration
-from calib.calibration.result import FittedResult
-from calib.dataset.dataset import Dataset
+from calib.calibration.result import Calibration
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import Effect, Family, full_name
 from calib.lazy_modules import pd
@@ -103,18 +100,11 @@ class Screening(Brief):
 
 
 @one_blas_thread()
-def screen(fitted: FittedResult | Dataset | str | Path, families: Sequence[Family] | None = None) -> Screening:
-    """Evidence of every effect that is not yet in a model, from the residual of the model's fit.
+def screening_of(calibration: Calibration, families: Sequence[Family] | None = None) -> Screening:
+    """Evidence of every effect that is not yet in a calibration's model, from the residual of its fit.
 
-    Args:
-        fitted: a calibration, or a dataset or its folder, to which the link errors are fitted first.
-        families: candidates; those of the catalogue where None.
-
-    >>> import calib
-    >>> calib.screen("sample_data/hidden_effect_a").candidates[0]
-    Candidate(transmission_error: log evidence 145, p ...)
+    `families`: candidates; those of the catalogue where None.
     """
-    calibration = as_calibration(fitted)
     families = effects_for(calibration.dataset) if families is None else families
     projected = project_residual(calibration)
     present = set(calibration.model.family_names)

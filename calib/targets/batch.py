@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from calib.blas_threads import one_blas_thread
-from calib.corners.batch import CornerBatch, declared_noise, find_corners, searched_scan
+from calib.corners.batch import CornerBatch, corners_of, declared_noise, searched_scan
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
@@ -22,7 +22,6 @@ def find_targets(
     dataset: Dataset,
     *,
     finder: UserFunction | UserFinder | None = None,
-    progress: bool = False,
     on_progress: OnProgress | None = None,
     executor: Executor | None = None,
     in_flight: int = 64,
@@ -42,9 +41,7 @@ def find_targets(
         declared=declared_noise(dataset.scanner),
         intermediate=intermediate,
     )
-    return find_corners(
-        dataset, progress=progress, on_progress=on_progress, executor=executor, in_flight=in_flight, search=search
-    )
+    return corners_of(dataset, on_progress=on_progress, executor=executor, in_flight=in_flight, search=search)
 
 
 def finder_of(dataset: Dataset) -> UserFinder | None:

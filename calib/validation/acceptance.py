@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal, Unpack
+from typing import Literal
 
 import numpy as np
 
 from calib.brief import Brief
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import Figures
 from calib.calibration.held_out import HeldOutTest, held_out_test
 from calib.calibration.noise_level import FIT, NoiseLevel, check_sigma, noise_level
@@ -22,19 +21,18 @@ from calib.consistency.data_problem import DataProblem
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatter_against_covariances
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import whole_diagnosis
 from calib.diagnosis.result import Diagnosis
-from calib.effects.catalogue import EffectChoice, effects_named
-from calib.effects.effect import Family
+from calib.diagnosis.search_space import SearchSpace
+from calib.effects.effect import Effect, Family
 from calib.errors import FitError
 from calib.fitting.tool_point import ToolShift
 from calib.identifiability.structural import fewest_poses
-from calib.measurement.measured_dataset import asked_of
-from calib.measurement.measured_points import failed_searches, with_corners
-from calib.options import FitFields, FitOptions
+from calib.measurement.measured_points import failed_searches
+from calib.options import FitOptions
 from calib.presented import Presented
+from calib.progress import OnStep
 from calib.scans.scan import PointCount
-from calib.targets.batch import find_targets
 from calib.targets.search import ScanSearch
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
 from calib.validation.remounting import Remounting, remounting
@@ -217,42 +215,22 @@ class Check(Presented):
         return f"{self.dataset.name}: {verdict}, {len(self.warnings)} warnings"
 
 
-def check(
-    dataset: Dataset | str | Path,
-    searches: Mapping[str, CornerSearch] | None = None,
-    options: FitOptions | None = None,
+def check_of(
+    dataset: Dataset,
+    searches: Mapping[str, CornerSearch],
+    options: FitOptions,
     *,
-    effects: EffectChoice | Sequence[EffectChoice] = (),
+    effects: Sequence[Effect] = (),
     user_effects: Sequence[Family] = (),
     max_test_rmse_mm: float | None = None,
-    on_step: Callable[[str], None] | None = None,
-    **keywords: Unpack[FitFields],
+    on_step: OnStep | None = None,
 ) -> Check:
-    """Acceptance check of a dataset: every step from its corners to its held-out error, and a diagnosis.
-
-    Args:
-        dataset: a dataset or its folder.
-        searches: searches of its scans by pose id, where it has no points; None: the scans are searched first.
-        options: options of the fit; the diagnosis is of the residual that is usual for the data.
-        effects: effects that are in the model: names of the catalogue, families, or single members.
-        user_effects: families beyond the catalogue.
-        max_test_rmse_mm: largest 3D RMSE of the test poses that passes; None: any below that of the nominal robot.
-        on_step: called with a line of text before each stage of the diagnosis.
-        **keywords: fields of `FitOptions`, in place of those of `options`.
-
-    >>> import calib
-    >>> calib.check("sample_data/hidden_effect_a")
-    Check(hidden_effect_a: passed, 1 warnings)
-    """
-    dataset, options = asked_of(dataset, options, keywords)
-    if searches is None and dataset.points is None and dataset.scan_folder is not None:
-        searches = find_targets(dataset, intermediate=False)
+    """Acceptance check of a dataset and the searches that its points come from, if any: see `calib.check`."""
     items = [CheckItem("dataset", None, warning, warning=True) for warning in dataset.warnings]
     items += [CheckItem("dataset", None, note) for note in dataset.notes]
     if searches:
         items += thin_scans({pose: s.count for pose, s in searches.items() if s.count is not None})
         items.append(_corners(searches))
-        dataset = with_corners(dataset, searches, orientation=options.residual == "pose")
     repeats = find_repeats(dataset)
     if repeats:
         items.append(_repeats(dataset, repeats))
@@ -262,17 +240,13 @@ def check(
     if len(groups) < needed:
         items.append(CheckItem("fit", None if repeats else False, TooFewPoses(len(groups), needed)))
     else:
-        calibration = calibrate(dataset, options, effects=effects_named(dataset, effects, user_effects))
+        calibration = fit_measured(dataset, options, effects=effects)
         items += _of_repeat_groups(dataset, calibration.fitted_dataset)
         items += _fit(calibration, max_test_rmse_mm)
         try:
-            diagnosis = diagnose(
-                dataset,
-                options.with_residual(dataset.usual_residual),
-                effects=effects,
-                user_effects=user_effects,
-                on_step=on_step,
-            )
+            usual = options.with_residual(dataset.usual_residual)
+            space = SearchSpace.of(dataset, usual, given=effects, user_effects=user_effects)
+            diagnosis = whole_diagnosis(space, on_step)
             if diagnosis.data_problem is not None:
                 items.append(CheckItem("data", False, diagnosis.data_problem))
             else:

@@ -15,17 +15,14 @@ that is how one change is told from the many parameters that it moves.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from calib import frames
 from calib.array_types import Array
-from calib.calibration.calibrate import as_calibration
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.promise import misfit_inflation
-from calib.calibration.result import Calibration, FittedResult, times_declared_noise
-from calib.dataset.dataset import Dataset
+from calib.calibration.result import Calibration, times_declared_noise
 from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.kinematics.chain import forward
@@ -94,27 +91,8 @@ class Comparison(Presented):
         return f"{self.names[0]} and {self.names[1]}: {changed} differs, tool point {self.rms_mm:.3g} mm RMS apart"
 
 
-def compare(
-    one: FittedResult | Dataset | str | Path,
-    other: FittedResult | Dataset | str | Path,
-    names: tuple[str, str] | None = None,
-) -> Comparison:
-    """Differences between two calibrations of different measurements of the same kind of robot.
-
-    Args:
-        one: a calibration or diagnosis, or a dataset or its folder, which is then calibrated.
-        other: the second, whose parameters minus those of the first are the differences.
-        names: names of both in the text; those of their datasets where None.
-
-    Raises:
-        FitError: robots with other joints.
-
-    >>> import calib
-    >>> one, other = (calib.simulate_dataset("rb5", rng=seed).dataset for seed in (0, 1))
-    >>> calib.compare(one, other, names=("before", "after")).differs
-    True
-    """
-    one, other = as_calibration(one), as_calibration(other)
+def comparison_of(one: Calibration, other: Calibration, names: tuple[str, str] | None = None) -> Comparison:
+    """Differences between two calibrations of different measurements of the same kind of robot: see `calib.compare`."""
     robots = (one.dataset.robot, other.dataset.robot)
     if robots[0].is_revolute.tolist() != robots[1].is_revolute.tolist():
         kinds = [f"{r.name} ({r.n_joints} joints)" for r in robots]

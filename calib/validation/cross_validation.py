@@ -8,27 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Unpack
 
 import numpy as np
 
 from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.effects.catalogue import EffectChoice, effects_named
+from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.lazy_modules import pd
-from calib.measurement.measured_dataset import measured_as_asked
-from calib.options import DEFAULT_FOLDS, FitFields, FitOptions
+from calib.options import DEFAULT_FOLDS, FitOptions
 from calib.presented import Presented
-from calib.progress import OnProgress, counted
+from calib.progress import OnProgress
 from calib.statistics import rms
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
@@ -118,38 +115,16 @@ def noise_ratio(fit: Fit) -> float:
 
 
 @one_blas_thread()
-def cross_validate(
-    dataset: Dataset | str | Path,
-    options: FitOptions | None = None,
+def cross_validation_of(
+    dataset: Dataset,
+    options: FitOptions,
     *,
     folds: int = DEFAULT_FOLDS,
-    effects: EffectChoice | Sequence[EffectChoice] = (),
+    effects: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
-    progress: bool = False,
     on_progress: OnProgress | None = None,
-    **keywords: Unpack[FitFields],
 ) -> CrossValidation:
-    """K-fold cross-validation: the error at each training pose by a fit without that pose's fold.
-
-    Args:
-        dataset: a dataset or its folder; its test poses are not touched.
-        folds: number of folds; each has its share of every setup.
-        options: options of every fit.
-        effects: effects in the model of every fit: names of the catalogue, families, or single members.
-        rng: deals the poses into folds; always the same where None.
-        progress: show a bar, in a notebook's cell or at the terminal.
-        on_progress: called with the number of fits done, of all fits, and the name of the fold.
-        **keywords: fields of `FitOptions`, in place of those of `options`.
-
-    Raises:
-        FitError: no points, fewer than two folds, more folds than poses, or too few poses in a fold's training part.
-
-    >>> import calib
-    >>> calib.cross_validate("sample_data/hidden_effect_a", effects="transmission_error")
-    CrossValidation(hidden_effect_a: 5 folds, held-out RMSE 0.1... mm)
-    """
-    dataset, options = measured_as_asked(dataset, options, keywords)
-    members = effects_named(dataset, effects)
+    """K-fold cross-validation of a dataset with points: see `calib.cross_validate`."""
     groups = training_groups(dataset)
     if folds < 2:
         raise FitError(f"found {folds} folds; cross-validation needs 2 at least, 5 is usual")
@@ -165,22 +140,21 @@ def cross_validate(
             "each setup three poses for its frame; ask for fewer folds or measure more poses"
         )
     everything = groups.poses_of(range(len(groups)))
-    whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], options, effects=members)
+    whole = fit_measured(split_dataset(dataset, everything, everything[:0])[0], options, effects=effects)
     done: list[Fold] = []
     before, after = [], []
-    with counted("fits", "fit", asked=progress, then=on_progress) as tell:
-        for fold in dealt:
-            held_out = groups.poses_of(fold)
-            split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
-            fitted = calibrate(split, options, effects=members)
-            before.append(_held_out(fitted.before, rows, len(dataset.poses)))
-            after.append(_held_out(fitted.after, rows, len(dataset.poses)))
-            train, test = fitted.after.train, fitted.after.test
-            assert train is not None
-            assert test is not None
-            done.append(Fold(tuple(dataset.poses.ids[i] for i in held_out), train, test, fitted.fit.converged))
-            if tell is not None:
-                tell(len(done), folds, f"fold {len(done)}")
+    for fold in dealt:
+        held_out = groups.poses_of(fold)
+        split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
+        fitted = fit_measured(split, options, effects=effects)
+        before.append(_held_out(fitted.before, rows, len(dataset.poses)))
+        after.append(_held_out(fitted.after, rows, len(dataset.poses)))
+        train, test = fitted.after.train, fitted.after.test
+        assert train is not None
+        assert test is not None
+        done.append(Fold(tuple(dataset.poses.ids[i] for i in held_out), train, test, fitted.fit.converged))
+        if on_progress is not None:
+            on_progress(len(done), folds, f"fold {len(done)}")
     notes = tuple(f"setup {name!r} has too few poses to hold any out: all of them train" for name in small)
     notes += whole.fitted_dataset.notes[len(dataset.notes) :]
     return CrossValidation(dataset, options.residual, tuple(done), _pooled(before), _pooled(after), whole, notes)

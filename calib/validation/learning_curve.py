@@ -8,25 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Unpack
 
 import numpy as np
 
 from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.effects.catalogue import EffectChoice, effects_named
+from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
 from calib.lazy_modules import pd
-from calib.measurement.measured_dataset import measured_as_asked
-from calib.options import FitFields, FitOptions
+from calib.options import FitOptions
 from calib.presented import Presented
-from calib.progress import OnProgress, counted
+from calib.progress import OnProgress
 from calib.statistics import rms
 from calib.validation.splits import (
     MIN_FRAME_POSES,
@@ -115,43 +112,17 @@ class LearningCurve(Presented):
 
 
 @one_blas_thread()
-def learning_curve(
-    dataset: Dataset | str | Path,
-    options: FitOptions | None = None,
+def learning_curve_of(
+    dataset: Dataset,
+    options: FitOptions,
     *,
     counts: Sequence[int] | None = None,
     repeats: int = 5,
-    effects: EffectChoice | Sequence[EffectChoice] = (),
+    effects: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
-    progress: bool = False,
     on_progress: OnProgress | None = None,
-    **keywords: Unpack[FitFields],
 ) -> LearningCurve:
-    """Held-out error against the number of training poses, by fits to growing subsets of them.
-
-    Held out are the test poses where there are any, else one of five folds, another one each repeat. Within a repeat
-    each subset contains the smaller ones, so that steps of the curve are due to the added poses alone.
-
-    Args:
-        dataset: a dataset or its folder.
-        counts: numbers of different training poses; None: six, from the fewest that a fit takes to all.
-        repeats: number of draws of the poses.
-        options: options of every fit.
-        effects: effects in the model of every fit: names of the catalogue, families, or single members.
-        rng: draws the poses; always the same where None.
-        progress: show a bar, in a notebook's cell or at the terminal.
-        on_progress: called with the number of fits done, of all fits, and the count just fitted.
-        **keywords: fields of `FitOptions`, in place of those of `options`.
-
-    Raises:
-        FitError: no points, too few poses, or impossible counts.
-
-    >>> import calib
-    >>> calib.learning_curve("sample_data/hidden_effect_a", repeats=2)
-    LearningCurve(hidden_effect_a: 11 to 51 poses, held-out RMSE ... -> 0.415 mm)
-    """
-    dataset, options = measured_as_asked(dataset, options, keywords)
-    members = effects_named(dataset, effects)
+    """Held-out error of a dataset with points against the number of training poses: see `calib.learning_curve`."""
     rng = rng or np.random.default_rng(0)
     groups = training_groups(dataset)
     if repeats < 1:
@@ -169,16 +140,15 @@ def learning_curve(
         )
     tests = np.flatnonzero(dataset.poses.is_test)
     fits: dict[int, list[Calibration]] = {n: [] for n in counts}
-    with counted("fits", "fit", asked=progress, then=on_progress) as tell:
-        for repeat, (order, held) in enumerate(draws):
-            for k, n in enumerate(counts):
-                if n == len(groups) and fits[n]:
-                    continue  # all poses and the same test poses: the same fit again
-                outside = tests if held is None else groups.poses_of(held)
-                split, _ = split_dataset(dataset, groups.poses_of(order[:n]), outside)
-                fits[n].append(calibrate(split, options, effects=members))
-                if tell is not None:
-                    tell(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
+    for repeat, (order, held) in enumerate(draws):
+        for k, n in enumerate(counts):
+            if n == len(groups) and fits[n]:
+                continue  # all poses and the same test poses: the same fit again
+            outside = tests if held is None else groups.poses_of(held)
+            split, _ = split_dataset(dataset, groups.poses_of(order[:n]), outside)
+            fits[n].append(fit_measured(split, options, effects=effects))
+            if on_progress is not None:
+                on_progress(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
     last = fits[counts[-1]][0]
     steps = tuple(_step(n, fits[n]) for n in counts)
     return LearningCurve(dataset, options.residual, held_out, steps, check_sigma(last), last.after.notes)

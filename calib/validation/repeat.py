@@ -15,17 +15,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.calibrate import as_calibration, calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.promise import misfit_inflation
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import whole_diagnosis
+from calib.diagnosis.search_space import SearchSpace
 from calib.distributions import chi2_sf
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import Effect, Family, describe, full_name
@@ -94,24 +94,10 @@ class Recurrence(Presented):
         return f"{' and '.join(self.names)}: {self.verdict}, {again} comes back"
 
 
-def repeat(recordings: Sequence[Dataset | str | Path], *, on_step: Callable[[str], None] | None = None) -> Recurrence:
-    """Which causes come back in several recordings of one arm, with the values of each.
-
-    Args:
-        recordings: datasets or their folders, two or more; instrument and tool may be others each time.
-        on_step: called with a line of text before each stage.
-
-    Raises:
-        CalibError: fewer than two recordings.
-        FitError: arms with other joints, or too few poses.
-
-    >>> import calib
-    >>> calib.repeat([calib.simulate_dataset("rb5", rng=seed, poses=20).dataset for seed in (0, 1)])
-    Recurrence(simulated (1) and simulated (2): too little data, no cause comes back)
-    """
-    if len(recordings) < 2:
-        raise CalibError(f"found {len(recordings)} recording; what comes back shows in two or more")
-    fits = [as_calibration(one) for one in recordings]
+def recurrence_of(fits: Sequence[Calibration], *, on_step: Callable[[str], None] | None = None) -> Recurrence:
+    """Which causes come back in several recordings of one arm, by the fits of their links: see `calib.repeat`."""
+    if len(fits) < 2:
+        raise CalibError(f"found {len(fits)} recording; what comes back shows in two or more")
     kinds = [fit.dataset.robot.is_revolute.tolist() for fit in fits]
     for fit, kind in zip(fits, kinds, strict=True):
         if kind != kinds[0]:
@@ -124,7 +110,7 @@ def repeat(recordings: Sequence[Dataset | str | Path], *, on_step: Callable[[str
     alone: list[tuple[str, ...]] = []
     for name, fit in zip(names, fits, strict=True):
         tell(name)
-        found = diagnose(fit.dataset, fit.options)
+        found = whole_diagnosis(SearchSpace.of(fit.dataset, fit.options))
         alone.append(tuple(one.name for one in found.steps[-1].selected if one.name != LEARNED))
     rows = _rows(fits, names, common, alone, set())
     further = {name for own in alone for name in own} - {one.name for one in common}
@@ -229,7 +215,7 @@ def _fitted(dataset: Dataset, effects: Sequence[_CommonEffect], widened: float =
     """A recording fitted with some effects."""
     members = [member for one in effects for member in one.members]
     prior = {name: widened * sigma for one in effects for name, sigma in one.prior_sigmas.items()}
-    return calibrate(dataset, effects=members, prior_sigmas=prior)
+    return fit_measured(dataset, effects=members, prior_sigmas=prior)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from effect_channels import LEVER, NOISE_MM, Channel, Input, in_shown_unit, label_of, roughness
 
+from calib import calibrate
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
 from calib.calibration.pose_errors import inputs_at
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot

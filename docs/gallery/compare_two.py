@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 import calib
+from calib import compare
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.truth.order_effects import JointStep
-from calib.validation.comparison import compare
 from inspector.figures.style import figure as figure_of
 
 robot = builtin_robot("rb5")

@@ -5,7 +5,7 @@ poses of the same kind help no more.
 """
 
 import calib
-from calib.validation.learning_curve import learning_curve
+from calib import learning_curve
 from inspector import figures
 
 dataset = calib.load_dataset("sample_data/hidden_effect_a")

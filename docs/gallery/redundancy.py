@@ -5,7 +5,7 @@ them by Pearson's correlation of the Jacobian's columns.
 """
 
 import calib
-from calib.identifiability.structural import redundancy
+from calib import redundancy
 from inspector import figures
 
 dataset = calib.load_dataset("sample_data/hidden_effect_a")

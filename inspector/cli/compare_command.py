@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from calib.validation.comparison import compare
-from calib.validation.repeat import repeat
+from calib.api.validation import compare, repeat
 from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options.fits import CompareOptions, RepeatOptions

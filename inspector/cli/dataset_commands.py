@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from calib.api.fits import redundancy
 from calib.corners.batch import CornerBatch
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
@@ -20,7 +21,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.origin import verify
 from calib.effects.catalogue import descriptions
 from calib.errors import printable, visible
-from calib.identifiability.structural import free_frame_rank, redundancy
+from calib.identifiability.structural import free_frame_rank
 from calib.kinematics.cartesian import require_links
 from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
 from calib.present import to_dict

@@ -7,10 +7,10 @@ from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
 
+from calib.api.causes import diagnose
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS
 from calib.effects.catalogue import effects_named
@@ -40,9 +40,8 @@ def run_validate(options: ValidateOptions) -> int:
     if options.model is not None:
         return validate_model(options, options.model)
     # No other command here needs these
+    from calib.api.validation import cross_validate, learning_curve
     from calib.present.fit import validation as told
-    from calib.validation.cross_validation import cross_validate
-    from calib.validation.learning_curve import learning_curve
 
     dataset = measured(load(options.path, options.leave_out, options.finder), options.residual)
     asked = options.fit_options()
@@ -179,7 +178,7 @@ def diagnosis_text(result: Diagnosis, poses: NextPoses | None) -> str:
 
 def run_check(options: CheckOptions) -> int:
     """Check corners, fit and diagnosis of each dataset; exit code 1 where one does not pass."""
-    from calib.validation.acceptance import check  # no other command here needs it
+    from calib.api.validation import check  # no other command here needs it
 
     results = []
     for folder in find_datasets(options.path):

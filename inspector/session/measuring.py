@@ -10,7 +10,7 @@ from calib.dataset.files.folder import load_arriving_dataset, load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations
-from calib.identifiability.structural import redundancy
+from calib.identifiability.structural import redundancy_of
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import RESIDUAL_KINDS
@@ -83,4 +83,4 @@ def measured_kinds(session: Session) -> tuple[str, ...]:
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:
     """Session with the redundancy analysis of the parameters at the dataset's poses."""
-    return replace(session, redundancy=redundancy(session.counted, residual=residual))
+    return replace(session, redundancy=redundancy_of(session.counted, residual=residual))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
@@ -17,7 +17,7 @@ from calib.errors import CalibError
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.targets.batch import find_targets
-from calib.validation.comparison import Comparison, compare
+from calib.validation.comparison import Comparison, comparison_of
 from inspector.session.session import Session
 
 
@@ -52,7 +52,7 @@ def beside_of_folder(name: str, folder: Path, residual: str) -> Beside:
     Raises CalibError where it cannot be read or fitted.
     """
     dataset = measured_dataset(folder, orientation=residual == "pose")
-    return Beside.of(name, calibrate(dataset, FitOptions(residual=residual)))
+    return Beside.of(name, fit_measured(dataset, FitOptions(residual=residual)))
 
 
 def beside_of_session(name: str, session: Session) -> Beside:
@@ -79,4 +79,4 @@ def compared(shown: Beside, beside: Beside) -> Comparison | None:
     """
     if shown.calibration is None or beside.calibration is None:
         return None
-    return compare(beside.calibration, shown.calibration, (beside.name, shown.name))
+    return comparison_of(beside.calibration, shown.calibration, (beside.name, shown.name))

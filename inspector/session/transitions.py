@@ -12,7 +12,7 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.repeats import in_repeat_groups_of, without_poses
 from calib.diagnosis.advice import advice_on
-from calib.diagnosis.diagnose import Model, diagnose, next_move
+from calib.diagnosis.diagnose import Model, next_move, whole_diagnosis
 from calib.diagnosis.effect_selection import GEOMETRY, FitStep, SelectedEffect, calibrate_with, candidate_of, recalled
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise, gone, step_of
 from calib.diagnosis.result import Diagnosis
@@ -230,7 +230,10 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 
     `on_step` is called with a line of text before each stage; what it raises ends the work.
     """
-    return with_found(session, diagnose(session.measured, user_effects=session.user_effects, on_step=on_step))
+    dataset = session.measured
+    asked = FitOptions(residual=dataset.usual_residual)
+    space = SearchSpace.of(dataset, asked, user_effects=session.user_effects)
+    return with_found(session, whole_diagnosis(space, on_step))
 
 
 def with_found(session: Session, found: Diagnosis) -> Session:

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, check, frames, redundancy
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
@@ -19,13 +18,12 @@ from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import fit_scanner_frame
-from calib.identifiability.structural import redundancy
 from calib.kinematics.robot import Target
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
 from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import ErrorsOfTestPoses, check
+from calib.validation.acceptance import ErrorsOfTestPoses
 from tests.support import SHARED_DATA
 from tests.support.arms import (
     REFERENCE,

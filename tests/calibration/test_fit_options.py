@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, cross_validate, diagnose, frames, learning_curve, screen
 from calib.calibration.model_versions import fits_same_points, versions
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep
 from calib.effects.catalogue import effects_for
 from calib.errors import FitError
@@ -20,10 +18,8 @@ from calib.options import FitOptions, parameter_name
 from calib.planning.effect_hypotheses import EffectHypothesis, predict
 from calib.planning.offered_poses import offered_poses
 from calib.rendering.numbers import parameter_label
-from calib.screening.candidates import Candidate, screen
+from calib.screening.candidates import Candidate
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.cross_validation import cross_validate
-from calib.validation.learning_curve import learning_curve
 from inspector.session.transitions import Session, with_effect, with_screening, with_steps
 
 ASKED = [

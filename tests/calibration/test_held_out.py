@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.held_out import HeldOutTest, held_out_test
 from calib.calibration.promise import learned_discrepancy
 from calib.dataset.dataset import Dataset, Scanner

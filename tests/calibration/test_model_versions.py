@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, fits_same_points, versions
 from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import builtin_robot

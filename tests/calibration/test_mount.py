@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames
 from calib.calibration.mount import mounts
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.present.fit.calibration import calibration_document

@@ -7,16 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, check, diagnose
 from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Points, Scanner
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.headline import headline_of
 from calib.present.fit import error_headline as headlines
 from calib.present.fit.residuals import LENGTH, band_note, noise_and_size, shown
 from calib.present.over_time.checks import item_sentence
-from calib.validation.acceptance import check
 from inspector.figures import error_history
 from tests.support.hidden_dataset import arm
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.pose_errors import pose_errors_of, running_median
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.chain import target_points

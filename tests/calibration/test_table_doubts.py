@@ -8,17 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, check, diagnose
 from calib.calibration.table_doubts import doubtful_entries
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.present.cause.verdict import verdict
 from calib.present.fit.calibration import calibration_warnings
 from calib.rendering.blocks import plain
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import check
 
 
 def measured_arm(robot: str = "rb5", seed: int = 0) -> Dataset:

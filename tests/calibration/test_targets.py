@@ -9,17 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, redundancy
 from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import DatasetError, FitError
 from calib.fitting.observations import Observations
 from calib.fitting.residual_kinds import make_residuals
-from calib.identifiability.structural import free_frame_rank, redundancy
+from calib.identifiability.structural import free_frame_rank
 from calib.kinematics.robot import Robot, Target, Tool
 from calib.options import FitOptions
 from tests.support.arms import dataset_of, elementary_points, perturbed, random_transform

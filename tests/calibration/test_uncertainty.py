@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames
 from calib.calibration.uncertainty import (
     combination,
     correlated_pairs,

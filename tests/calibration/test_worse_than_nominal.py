@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.diagnosis.headline import headline_of

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib import calibrate, corrected_joints
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
-from calib.compensation.target_correction import Correction, corrected_joints
+from calib.compensation.target_correction import Correction
 from calib.compensation.target_files import corrected_points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError

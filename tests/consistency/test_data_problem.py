@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.consistency.data_problem import DataProblem, suspicions
 from calib.consistency.hypotheses import column_names, of_reading
 from calib.consistency.joint_reading import simple_readings
@@ -19,7 +19,6 @@ from calib.consistency.row_matching import matched_rows
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.frames import apply, make_transform, rotation_from_rotvec
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.simulation.simulate import simulate_dataset

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.consistency.leading_entry import leading_entry
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.import_dataset import ImportChoice, plan_of_files, unpacked, write_plan
-from calib.diagnosis.diagnose import diagnose
 from calib.present.fit.calibration import leading_entry_sentence
 from tests.support.scenarios.shop import Arm, session
 

@@ -23,7 +23,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.corners.batch import find_corners, search_file
+from calib import find_corners
+from calib.corners.batch import search_file
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Scanner
 from calib.errors import CornerError

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.corners.batch import find_corners
+from calib import find_corners
 from calib.corners.search import CornerOptions, CornerSearch, find_corner
 from calib.dataset.dataset import Scanner
 from calib.errors import DatasetError

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset.repeats import average_repeats, find_repeats, pooled_sigma_mm
-from calib.diagnosis.diagnose import diagnose
 from calib.simulation.simulate import simulate_dataset
 
 REPEATED, COPIED = 10, 40

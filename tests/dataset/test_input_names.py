@@ -9,14 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.residual_table import residual_table
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.input_names import column_input, joint_input, quantity_of, summed_joints
 from calib.dataset_import.columns import meaning_of
-from calib.diagnosis.diagnose import diagnose
 from calib.models.fitted_model import FittedModel
 from calib.present.fit.residuals import input_title
 from calib.present.names import input_name

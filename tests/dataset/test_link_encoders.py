@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.models.model_file import load_model
 from calib.present.cause.diagnosis import diagnosis_document
 from calib.strict_json import to_json

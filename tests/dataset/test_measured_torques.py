@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue.loads import JointCompliance
 from calib.effects.state import RobotState
 from calib.errors import DatasetError

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib import check
 from calib.dataset.dataset import Dataset, Orientations, Points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset.repeats import (
@@ -20,7 +21,6 @@ from calib.dataset.repeats import (
     without_poses,
 )
 from calib.fitting.observations import Observations
-from calib.validation.acceptance import check
 from tests.support.arms import dataset_of
 from tests.support.repeated_points import repeated
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Dataset, Orientations
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.errors import DatasetError

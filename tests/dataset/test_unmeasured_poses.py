@@ -9,15 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, check, diagnose
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.errors import DatasetError
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
 from calib.present.over_time.checks import item_sentence
-from calib.validation.acceptance import check
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
 

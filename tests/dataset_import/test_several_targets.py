@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.consistency.leading_entry import leading_entry
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset

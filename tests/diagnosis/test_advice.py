@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.advice import Advice, advice_on
-from calib.diagnosis.diagnose import Model, diagnose, next_move
+from calib.diagnosis.diagnose import Model, next_move
 from calib.diagnosis.headline import held_out_beyond_noise
 from calib.diagnosis.moves import AddEffect, LeaveOutPoses, next_effect
 from calib.diagnosis.result import Diagnosis
@@ -32,7 +32,7 @@ from calib.present.effects import meaning
 from calib.present.names import input_name
 from calib.rendering import numbers
 from calib.rendering.blocks import plain
-from calib.screening.candidates import Screening, screen
+from calib.screening.candidates import Screening
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 from calib.simulation.simulate import simulate_dataset

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib import diagnose
 from calib.calibration.noise_level import DECLARED, FIT, NoiseLevel
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.budget import CURVES, LINKS, NOISE, UNKNOWN, ErrorBudget, budget_of_stages, error_budget
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.headline import ErrorStage, Headline, headline_of
 from tests.support.golden import SAMPLES
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.causes import cause_of, worst_pose
 from calib.diagnosis.decision_rules import left_to_curves
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.present.cause.verdict import cause
 from calib.rendering.blocks import plain

@@ -8,18 +8,16 @@ from typing import cast
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import refusal
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
 from calib.diagnosis.verdict import ConfoundedSet, Refusal
 from calib.effects.base import Parameter
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import families_from
 from calib.effects.state import RobotState
-from calib.screening.candidates import screen
 from calib.screening.noise_search import AddedEffect
 from calib.screening.projected_residual import ProjectedResidual
 from calib.screening.residual_tests import InputTest, ResidualTests, asked_of_joints

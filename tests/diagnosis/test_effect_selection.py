@@ -7,16 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib import diagnose, screen
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with, candidate_of, recalled
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import family_of
 from calib.errors import CalibError
 from calib.options import FitOptions
-from calib.screening.candidates import screen
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from calib import calibrate
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import predicts_worse

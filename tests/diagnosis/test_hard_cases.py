@@ -9,10 +9,10 @@ from typing import cast
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.verdict import ConfoundedSet, Findings, conclude
 from calib.effects.catalogue import family_of

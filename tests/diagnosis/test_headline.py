@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.noise_level import DECLARED, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Scanner

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose, noise_is_believed
+from calib.diagnosis.diagnose import noise_is_believed
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.result import Diagnosis
 from calib.screening.noise_search import noise_of_residual

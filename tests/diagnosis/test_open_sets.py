@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import are_equivalent, can_stand_for, rank_candidates
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.verdict import ConfoundedSet
 from calib.effects.catalogue import effects_for
-from calib.screening.candidates import screen
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset

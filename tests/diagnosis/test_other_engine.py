@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from calib import diagnose
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from tests.support.mujoco_arm import in_mujoco, mujoco_model

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from calib.diagnosis.diagnose import diagnose
+from calib import diagnose
 from calib.diagnosis.probabilities import (
     UNKNOWN,
     Answer,

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calib import corrected_joints, screen
 from calib.calibration.result import Calibration
-from calib.compensation.target_correction import corrected_joints, plain_poses
+from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
@@ -21,7 +22,6 @@ from calib.effects.effect import full_name
 from calib.errors import CalibError
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
-from calib.screening.candidates import screen
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
 

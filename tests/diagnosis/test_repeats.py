@@ -7,17 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, cross_validate, diagnose, screen
 from calib.calibration.noise_level import check_sigma
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import effects_for
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
-from calib.screening.candidates import screen
-from calib.validation.cross_validation import cross_validate
 from tests.support.arms import dataset_of, elementary_points, perturbed
 from tests.support.repeated_points import repeated
 

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.base import Parameter
 from calib.effects.catalogue import CATALOGUE, effects_named
@@ -24,7 +23,7 @@ from calib.effects.state import RobotState
 from calib.errors import CalibError, FitError
 from calib.fitting.observations import nominal_state
 from calib.planning.discrimination import next_poses
-from calib.screening.candidates import Screening, screen
+from calib.screening.candidates import Screening
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
 from calib.simulation.simulate import simulate_dataset

@@ -10,8 +10,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import CATALOGUE, catalogue_names
 from calib.effects.catalogue.joints import JointScale
 from calib.effects.effect import CatalogueEffect

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.evaluation import evaluate
 from calib.effects.catalogue import catalogue_names, effects_for, family_of
 from calib.effects.catalogue.scanner import ScannerDistortion

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import recalled
 from calib.effects.catalogue import family_of
-from calib.screening.candidates import screen
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.joint_effects import TransmissionError
 from tests.support.fit_cases import rich_dataset

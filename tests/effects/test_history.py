@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import family_of
 from calib.effects.catalogue.friction import PathFriction, hysteresis, stick_and_slip
 from calib.effects.catalogue.thermal import lagged, workload

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.repeats import groups_by_condition
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.effects.catalogue.thermal import GrowthBySensor, JointBySensor
 from calib.models.model_file import load_model

@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 
 import calib.effects.catalogue as catalogue
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue.user_file import check_effects, load_effects
 from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, describe, exceeded_bound
 from calib.effects.state import RobotState
@@ -27,7 +26,6 @@ from calib.fitting.observations import nominal_state
 from calib.kinematics.chain import target_jacobian
 from calib.present.cause.candidates import candidate_blocks, fitted_effect
 from calib.rendering.text import block_text
-from calib.screening.candidates import screen
 from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import family_of
 from calib.effects.catalogue.order_steps import LinkStep, PayloadStep
 from calib.effects.effect import apply_values

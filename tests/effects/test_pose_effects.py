@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import family_of
 from calib.options import FitOptions

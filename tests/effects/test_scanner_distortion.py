@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.diagnose import diagnose
+from calib import diagnose
 from calib.effects.catalogue.scanner import ScannerDistortion
 from calib.effects.effect import apply_values
 from calib.effects.state import RobotState, Seen

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue.user_file import load_effects
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state

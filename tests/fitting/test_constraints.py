@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, check, diagnose
 from calib.calibration.plausibility import implausibility_reason, too_good
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.options import FitOptions
 from calib.present.over_time.checks import item_sentence
-from calib.validation.acceptance import check
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
 from tests.support.constrained_arms import accepted_collapse
 

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.calibration.promise import promise
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue.loads import JointCompliance
 from calib.errors import CalibError, DatasetError, FitError
 from calib.options import FitOptions

@@ -9,8 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames, redundancy
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_for, family_of
 from calib.effects.effect import full_name
@@ -25,7 +24,7 @@ from calib.fitting.observations import (
 from calib.fitting.pose_residuals import PoseResiduals, _turn_curvature
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.trust_region import solve
-from calib.identifiability.structural import redundancy, structural_rank
+from calib.identifiability.structural import structural_rank
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import base_T_target

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Points
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations

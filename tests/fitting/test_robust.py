@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.calibration.plausibility import fit_without_outliers
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.distributions import chi2_ppf
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model, geometric_model

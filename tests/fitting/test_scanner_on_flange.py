@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames, redundancy
 from calib.effects.catalogue import effects_for
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_nominal_scanner_frames, with_observed_targets
-from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
+from calib.identifiability.structural import free_frame_rank, structural_rank
 from calib.identifiability.tool_rows import tool_rows
 from calib.kinematics.robot import Base, Robot
 from calib.options import FitOptions

@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, check, corrected_joints, cross_validate, diagnose
 from calib.calibration.model_versions import versions
 from calib.calibration.plausibility import implausibility_reason
-from calib.compensation.target_correction import corrected_joints
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_named
 from calib.effects.link_errors import TOLERANCE_RAD
 from calib.fitting.tool_point import tip_turn_rad
@@ -28,8 +26,6 @@ from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
 from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import check
-from calib.validation.cross_validation import cross_validate
 from inspector.cli.parser import main
 from inspector.markup.model.fit import fit_html
 from tests.support.arms import random_arm

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, check
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import family_of
@@ -17,7 +17,7 @@ from calib.identifiability.structural import fewest_poses
 from calib.options import RESIDUAL_KINDS, FitOptions
 from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import TooFewPoses, check
+from calib.validation.acceptance import TooFewPoses
 
 
 def measured(robot: str, poses: int, setups: int = 1) -> Dataset:

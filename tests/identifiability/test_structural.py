@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib import redundancy
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
@@ -17,7 +18,7 @@ from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations
 from calib.fitting.residual_kinds import make_residuals
-from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
+from calib.identifiability.structural import free_frame_rank, structural_rank
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.present.fit.redundancy import free_frame_sentence
 from calib.simulation.truth.equilibrium import Truth, base_T_target

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib import redundancy
 from calib.dataset.files.folder import load_dataset
-from calib.identifiability.structural import redundancy
 from calib.identifiability.tool_rows import rows_of_tool, tool_rows
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Tool

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Dataset
 from calib.intervention.joint_fit import joint_fit
 from calib.intervention.proof import interventions_of

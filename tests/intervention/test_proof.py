@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, frames
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.contradictions import contradictions
-from calib.diagnosis.diagnose import diagnose
 from calib.intervention.pairs import find_pairs
 from calib.intervention.proof import Proof, interventions_of
 from calib.present.cause.interventions import intervention_sections

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Dataset
 from calib.intervention.differences import differences_of
 from calib.intervention.displacements import PairDisplacements, displacements_of

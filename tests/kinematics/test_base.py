@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
 from calib.effects.gravity import GravityLoads
 from calib.errors import DatasetError

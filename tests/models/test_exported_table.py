@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.evaluation import evaluate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset

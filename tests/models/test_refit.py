@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames
 from calib.calibration.promise import promise
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset

@@ -7,16 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
 from calib.planning.discrimination_criterion import ForDiscrimination, for_confounded
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
 from calib.planning.outcome import DiscriminationOutcome, SeparationReason
 from calib.planning.plan import Plan, plan_poses
-from calib.screening.candidates import screen
 from calib.simulation.simulate import simulate_dataset
 from calib.workcell.measurable import measurable
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Box, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.uncertainty import JointKnowledge, prediction_covariance
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.planning.question import inverse

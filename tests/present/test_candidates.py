@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import calib
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, screen
 from calib.calibration.result import Calibration
 from calib.present.cause.candidates import (
     BRIEF_RANKING,
@@ -25,7 +25,7 @@ from calib.present.cause.candidates import (
 from calib.present.effects import title
 from calib.rendering import numbers
 from calib.rendering.blocks import Bar, Facts, Folded, Table, effect, plain
-from calib.screening.candidates import Screening, screen
+from calib.screening.candidates import Screening
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "hidden_effect_a"
 

@@ -10,9 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 import calib
-from calib import progress
-from calib.validation.cross_validation import cross_validate
-from calib.validation.learning_curve import learning_curve
+from calib import cross_validate, learning_curve, progress
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 import calib
+from calib import check, compare, redundancy
 from calib.corners.batch import CornerBatch
 from calib.corners.search import failed_search
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
-from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.start import start_of_dataset
@@ -26,8 +26,7 @@ from calib.present.results import document, presentation
 from calib.presented import Presented
 from calib.rendering.numbers import parameter_label
 from calib.strict_json import plain, to_json
-from calib.validation.acceptance import check
-from calib.validation.comparison import Comparison, compare
+from calib.validation.comparison import Comparison
 from inspector.cli.parser import main
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"

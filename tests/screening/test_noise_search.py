@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.result import declared_sigma_mm
 from calib.fitting.observations import Observations
 from calib.noise_shape import CorrelatedDrift, NoiseShape

@@ -8,13 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
 from calib.effects.catalogue import effects_for
-from calib.screening.candidates import screen
 from calib.screening.nuisance import REPORTED_EVIDENCE, Nuisance
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 from calib.simulation.simulate import simulate_dataset

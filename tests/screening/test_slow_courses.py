@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from calib.calibration.calibrate import calibrate
-from calib.diagnosis.diagnose import diagnose
+from calib import calibrate, diagnose, screen
 from calib.effects.catalogue import family_of
-from calib.screening.candidates import screen
 from calib.screening.smooth_motions import slow_course
 from tests.support.engine.cases import Case, simulate
 

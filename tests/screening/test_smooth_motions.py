@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, screen
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.effects.catalogue.joints import JointDent
 from calib.effects.catalogue.order_steps import JointStep
 from calib.effects.shaped import ShapedEffect
-from calib.screening.candidates import Candidate, screen
+from calib.screening.candidates import Candidate
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import FAULT_EVIDENCE, run_residual_tests
 from calib.screening.smooth_motions import smooth_motion

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, screen
 from calib.effects.catalogue import effects_for, family_of
 from calib.effects.effect import Family
-from calib.screening.candidates import screen
 from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
 from calib.screening.member_columns import member_columns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual

@@ -11,8 +11,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
-from calib.corners.batch import find_corners
+from calib import calibrate, find_corners
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
-from calib.compensation.target_correction import corrected_joints
+from calib import calibrate, corrected_joints, frames
 from calib.dataset.dataset import Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_named

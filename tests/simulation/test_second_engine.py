@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.effects.gravity import GravityLoads
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot

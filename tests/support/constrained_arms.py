@@ -13,15 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calib import calibrate, check, diagnose
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
-from calib.diagnosis.diagnose import diagnose
 from calib.errors import CalibError
 from calib.kinematics.robot import Joint, Robot, Tool
-from calib.validation.acceptance import check
 
 KINDS = ("sockets", "one socket a place", "planes", "ball bar")
 IN_PLANE_MM = 500.0  # sigma along a plane that is touched anywhere

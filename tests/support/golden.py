@@ -18,15 +18,15 @@ from typing import Any
 
 import numpy as np
 
+from calib import check, find_corners, redundancy
 from calib.calibration.result import Calibration
-from calib.corners.batch import CornerBatch, find_corners
+from calib.corners.batch import CornerBatch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.result import Diagnosis
-from calib.identifiability.structural import free_frame_rank, redundancy
+from calib.identifiability.structural import free_frame_rank
 from calib.measurement.measured_points import with_corners
 from calib.present.fit.calibration import calibration_warnings
-from calib.validation.acceptance import check
 from tests.support import ROOT
 
 SAMPLES, FOLDER = ROOT / "sample_data", ROOT / "tests" / "golden"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.intervention.proof import Proof, interventions_of

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.files.folder import load_dataset
 from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import target_points

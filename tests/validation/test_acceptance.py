@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.corners.batch import find_corners, search_file
+from calib import check, find_corners
+from calib.corners.batch import search_file
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.jig import Jig
 from calib.scans.scan import READERS, PointCount, write_scan
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import CheckItem, ErrorRatio, ResidualSigma, check, thin_scans
+from calib.validation.acceptance import CheckItem, ErrorRatio, ResidualSigma, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
 from tests.support.hidden_dataset import write_unnamed

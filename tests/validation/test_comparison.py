@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, compare
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.comparison import ALPHA, Comparison, compare
+from calib.validation.comparison import ALPHA, Comparison
 from tests.support.checked_cell import measured_twice
 
 

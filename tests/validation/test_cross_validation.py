@@ -11,16 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, cross_validate, frames, learning_curve
 from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError
 from calib.options import FitOptions
 from calib.present.fit.calibration import sigma_sentence
-from calib.validation.cross_validation import cross_validate
-from calib.validation.learning_curve import LearningCurve, LearningStep, learning_curve
+from calib.validation.learning_curve import LearningCurve, LearningStep
 from calib.validation.splits import deal_folds, growing_order, split_dataset, training_groups
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform

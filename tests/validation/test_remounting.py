@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, check
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import rotation_from_rotvec
 from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import Check, check
+from calib.validation.acceptance import Check
 from calib.validation.remounting import remounting
 
 

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib import repeat
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.errors import CalibError, FitError
-from calib.validation.repeat import Recurrence, repeat
+from calib.validation.repeat import Recurrence
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cause import Cause
 from tests.support.engine.cell import Cell, draw_cell

@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.promise import misfit_inflation
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
@@ -240,13 +240,13 @@ def fit_from_type(dataset: Dataset, arm_type: ArmType, options: FitOptions = Fit
             f"{dataset.name}: its arm has no {min(unknown)}, which arms of the type {arm_type.robot} have; it is none"
         )
     plain = replace(options, type_prior=None)
-    alone = [calibrate(dataset, plain)]
+    alone = [fit_measured(dataset, plain)]
     if arm_type.members:
         with suppress(FitError):  # of too few poses for the effects without the type
-            alone.append(calibrate(dataset, plain, effects=arm_type.members))
+            alone.append(fit_measured(dataset, plain, effects=arm_type.members))
     best_alone = max(alone, key=lambda fit: _Linear.of(fit).log_evidence)
     pooled = {
-        factor: calibrate(
+        factor: fit_measured(
             dataset, replace(options, type_prior=arm_type.widened(factor)), effects=arm_type.members, start=alone[0]
         )
         for factor in WIDENED
@@ -276,7 +276,7 @@ def type_report(
         poses: training poses of an arm that is left out.
         seed: of the choice of these poses.
     """
-    fits = [calibrate(dataset, options, effects=effects) for dataset in datasets]
+    fits = [fit_measured(dataset, options, effects=effects) for dataset in datasets]
     rng = np.random.default_rng(seed)
     left_out = []
     if len(fits) > FEWEST_ARMS:

@@ -14,6 +14,7 @@ from time import perf_counter
 import numpy as np
 
 import calib
+from calib.api.validation import check
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.noise_level import FIT
@@ -33,7 +34,7 @@ from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.strict_json import to_json
 from calib.targets.batch import find_targets
-from calib.validation.acceptance import Check, TooFewPoses, check
+from calib.validation.acceptance import Check, TooFewPoses
 
 LONGEST_REASON = 400  # characters
 PACKAGES = ("numpy", "scipy", "pandas")

@@ -50,7 +50,7 @@ class Row(Brief):
     train: Rmse = field(default_factory=Rmse)
     test: Rmse = field(default_factory=Rmse)
     noise_ratio: float | None = None  # last error over the declared noise
-    passed: bool = False  # by `calib.validation.acceptance.check`
+    passed: bool = False  # by `calib.check`
     reasons: tuple[str, ...] = ()  # why it did not pass
     verdict: str = ""  # of the diagnosis; "" where there was none
     missing: tuple[str, ...] = ()

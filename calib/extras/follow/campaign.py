@@ -10,7 +10,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, Poses
@@ -179,7 +179,7 @@ def _fitted(dataset: Dataset, options: FitOptions) -> tuple[Calibration | None, 
     if len(trained) < fewest:
         return None, f"{len(trained)} of at least {fewest} poses that a fit takes"
     try:
-        return calibrate(dataset, replace(options, robust=True)), ""
+        return fit_measured(dataset, replace(options, robust=True)), ""
     except CalibError as error:
         return None, str(error)
 

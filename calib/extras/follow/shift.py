@@ -16,7 +16,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.calibration.calibrate import calibrate
+from calib.calibration.calibrate import fit_measured
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.distributions import f_sf
@@ -81,7 +81,7 @@ def find_shift(dataset: Dataset, arrived: Sequence[str], options: FitOptions) ->
         return None
     plain = replace(options, robust=False)
     try:
-        one = calibrate(dataset, plain)
+        one = fit_measured(dataset, plain)
         if not any(
             _p_value(one, _with_run(dataset, placed, SHORTEST_RUN, w, plain), w) < _FALSE_ALARMS for w in _WHATS
         ):
@@ -123,7 +123,7 @@ def _moved(dataset: Dataset, run: Sequence[str], what: What) -> Dataset:
 
 def _with_run(dataset: Dataset, placed: Sequence[str], count: int, what: What, options: FitOptions) -> Calibration:
     """Fit with the latest poses seen by a moved instrument, or of a moved target."""
-    return calibrate(_moved(dataset, placed[-count:], what), options)
+    return fit_measured(_moved(dataset, placed[-count:], what), options)
 
 
 def _cost(calibration: Calibration) -> float:
@@ -141,7 +141,7 @@ def _p_value(one: Calibration, two: Calibration, what: What) -> float:
 
 def _sized(dataset: Dataset, run: Sequence[str], before: str, what: What, options: FitOptions) -> Shift | None:
     """Size of a move since a run of poses by a fit of all others; None where it leaves too much."""
-    others = calibrate(dataset.leave_out(tuple(run)), options)
+    others = fit_measured(dataset.leave_out(tuple(run)), options)
     observed = Observations.of(dataset, np.isin(dataset.poses.ids, list(run)) & ~dataset.poses.is_test)
     placed = others.after.scanner_T_base.get(str(observed.setup[0]))
     if placed is None:

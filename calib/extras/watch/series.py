@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.api.fits import as_calibration
 from calib.array_types import Array
-from calib.calibration.calibrate import as_calibration
 from calib.calibration.result import FittedResult
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import as_dataset
 from calib.errors import CalibError
 from calib.extras.watch.change_models import SCANNER
 from calib.extras.watch.change_tests import ALARM, USUAL
@@ -129,7 +130,7 @@ def watch_series(
         CalibError: fewer than three checks, or several stations of the scanner.
         FitError: fewer than three poses in a check.
     """
-    base, new = as_calibration(base), [measured(check) for check in checks]
+    base, new = as_calibration(base), [measured(as_dataset(check)) for check in checks]
     if len(new) < FEWEST_CHECKS:
         raise CalibError(f"found {len(new)} checks; a series takes {FEWEST_CHECKS} or more")
     dates = [date_of(dataset.about.date) for dataset in new]

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.calibration.calibrate import as_calibration
+from calib.api.fits import as_calibration
 from calib.calibration.result import Calibration, FittedResult, times_declared_noise
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import as_dataset
 from calib.errors import FitError
 from calib.extras.watch.cell import CellTests
 from calib.extras.watch.change_models import BASE, JIG, JOINT_ZERO, NOISE, SCANNER, TOOL, ChangeModel
@@ -92,7 +93,7 @@ def watch(
     >>> calib.watch(earlier, "sample_data/hidden_effect_a").verdict
     'unchanged'
     """
-    base, new = as_calibration(base), measured(new)
+    base, new = as_calibration(base), measured(as_dataset(new))
     if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
         raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
     if new.robot.carries_scanner != base.dataset.robot.carries_scanner:

@@ -20,7 +20,7 @@ from calib.diagnosis.effect_selection import GEOMETRY, FitStep
 from calib.diagnosis.headline import headline_of
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel, Refusal
-from calib.identifiability.structural import redundancy
+from calib.identifiability.structural import redundancy_of
 from calib.planning.discrimination import DiscriminatingPose, NextPoses, next_poses
 from calib.present.cause.budget import budget_blocks, budget_document
 from calib.present.cause.candidates import ranking, untestable_blocks
@@ -137,7 +137,7 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
             Section(RESIDUAL, residual_blocks(residuals_of(diagnosis))),
             *learned_section(last),
             Section(BY_POSE, [pose_errors(last)]),
-            redundancy_section(redundancy(last.dataset, residual=last.residual)),
+            redundancy_section(redundancy_of(last.dataset, residual=last.residual)),
             Section(PARAMETERS, parameters(last)),
         ],
     )

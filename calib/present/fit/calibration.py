@@ -25,7 +25,7 @@ from calib.consistency.leading_entry import leading_entry
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.headline import headline_of
 from calib.fitting.tool_point import ToolShift
-from calib.identifiability.structural import redundancy
+from calib.identifiability.structural import redundancy_of
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
 from calib.models.fitted_model import RoleErrors
@@ -80,7 +80,7 @@ _SMALL_CHANGE = 0.01  # share of an error below which a change of it counts as n
 @presentation.register
 def _calibration(calibration: Calibration) -> Presentation:
     falls = FigurePlace("convergence", (calibration,), "Error at each iteration.", height_px=280)
-    analysis = redundancy(calibration.dataset, residual=calibration.residual)
+    analysis = redundancy_of(calibration.dataset, residual=calibration.residual)
     sections = [
         Section("Parameters", parameters(calibration)),
         redundancy_section(analysis),

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.api.causes import diagnose
 from calib.array_types import Array
 from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Box, Dataset, Poses, Surroundings
 from calib.dataset.files.atomic_write import write_text_atomically
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import Family
 from calib.errors import CalibError

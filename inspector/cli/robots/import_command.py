@@ -133,7 +133,7 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
     if not options.diagnose:
         show(options, document, "\n".join([*lines, f"next: {_next_step(options)}"]))
         return 0
-    from calib.diagnosis.diagnose import diagnose
+    from calib.api.causes import diagnose
     from calib.planning.discrimination import next_poses
     from inspector.cli.fit_commands import diagnosis_text
 

@@ -16,7 +16,7 @@ from calib.diagnosis.effect_selection import FitStep, candidate_of
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
 from calib.identifiability.redundancy import Redundancy
-from calib.identifiability.structural import redundancy
+from calib.identifiability.structural import redundancy_of
 from calib.intervention.proof import Intervention
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
@@ -166,12 +166,12 @@ def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = F
 
     Args:
         of: a dataset or a calibration, whose training poses count, or an analysis of
-            `calib.identifiability.structural.redundancy`.
+            `calib.redundancy`.
     """
     if isinstance(of, Calibration):
-        analysis, name = redundancy(of.dataset, residual=of.residual), f": {of.dataset.name}"
+        analysis, name = redundancy_of(of.dataset, residual=of.residual), f": {of.dataset.name}"
     elif isinstance(of, Dataset):
-        analysis, name = redundancy(of), f": {of.name}"
+        analysis, name = redundancy_of(of), f": {of.name}"
     else:
         analysis, name = of, ""
     drawn = plots.correlation_heatmap(analysis.parameters, analysis.pearson, no_influence=analysis.no_influence)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset

@@ -21,7 +21,7 @@ import rosbags.rosbag1
 import rosbags.rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.user_files import BOTH, JOINTS, POINTS, look_through
 from calib.frames import apply, best_fit_transform

@@ -7,19 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose, plan, screen
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.poses_csv import poses_frame
-from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
 from calib.extras.proof_plan.proof_criterion import ForProof, for_proof
 from calib.extras.proof_plan.proof_plan import NextChange, change_for
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
-from calib.planning.plan import plan, plan_poses
+from calib.planning.plan import plan_poses
 from calib.planning.start import FromFit
 from calib.present.moves.plans import plan_headline
-from calib.screening.candidates import screen
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cell import Cell, draw_cell
 from tests.support.paired_cell import ARMS, compliance, proofs_of

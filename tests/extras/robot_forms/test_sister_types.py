@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.consistency.data_problem import suspicions
 from calib.consistency.hypotheses import known_tables
 from calib.simulation.simulate import simulate_dataset

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from calib import diagnose
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.errors import CalibError
 from calib.extras.watch.watch import watch
 from inspector import figures

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError

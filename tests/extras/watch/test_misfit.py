@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.promise import Discrepancy
 from calib.dataset.dataset import Dataset, Scanner
 from calib.extras.watch.cell import CellTests

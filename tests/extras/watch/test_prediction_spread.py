@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError

@@ -9,8 +9,8 @@ from datetime import date, timedelta
 import numpy as np
 import pytest
 
+from calib import calibrate
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.extras.watch.watch import watch
 from tests.consistency.test_data_problem import simulated, turned, with_joints, with_points
 

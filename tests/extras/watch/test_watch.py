@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import About
 from calib.dataset.files.folder import write_dataset

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib import calibrate
 from calib.array_types import IndexArray
-from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.extras.watch.change_tests import DETECTABLE_Z

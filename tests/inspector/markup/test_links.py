@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.effects.catalogue import effects_for
 from calib.present.names import joints_by_parameter
 from calib.present.references import Names, references_to

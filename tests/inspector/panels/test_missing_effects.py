@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.verdict import ConfoundedSet
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
 from calib.present.effects import not_testable, title

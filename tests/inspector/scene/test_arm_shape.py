@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames
 from calib.dataset.dataset import Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_for

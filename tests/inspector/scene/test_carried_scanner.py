@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames
 from calib.calibration.model_versions import LINKS, NOMINAL, versions
 from calib.calibration.pose_errors import pose_errors_of
 from inspector.export.glb_scene import scene_glb

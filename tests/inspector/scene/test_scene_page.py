@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.diagnose import diagnose
 from inspector.scene.scene_page import Scene3d, scene_3d
 from inspector.scene.scene_view import ROOT
 from tests.support.browser import MS

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib import diagnose
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import add_in_turn

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.errors import CalibError
 from inspector.cli.parser import main
 from inspector.session import measuring

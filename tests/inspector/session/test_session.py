@@ -7,8 +7,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import pytest
 
-from calib.calibration.calibrate import calibrate
-from calib.diagnosis.diagnose import diagnose
+from calib import calibrate, diagnose
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import CalibError
 from calib.present.fit.calibration import last_change

@@ -53,7 +53,7 @@ def test_a_view_shows_the_versions_that_its_session_holds_and_fits_nothing(
         raise AssertionError("a fit inside the view")
 
     for module in ("calib.calibration.calibrate", "calib.calibration.model_versions"):
-        monkeypatch.setattr(f"{module}.calibrate", refused)
+        monkeypatch.setattr(f"{module}.fit_measured", refused)
     view = View(Session(fitted.dataset)).with_session(first).with_session(with_effect)
     assert view.versions is with_effect.versions
     assert view.version is with_effect.versions[-1]

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib import frames
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, frames
 from calib.dataset.dataset import Dataset, Scanner
 from calib.diagnosis.effect_selection import calibrate_with, selected_curves
 from calib.kinematics.chain import forward

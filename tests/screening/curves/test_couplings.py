@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate
 from calib.diagnosis.effect_selection import calibrate_with, selected_curves
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import apply_values

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.dataset.dataset import Poses
 from calib.dataset.input_names import HistoryInput, column_input, history_input
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import apply_values, exceeded_bound

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import calibrate
+from calib import calibrate, diagnose
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import apply_values

@@ -15,16 +15,15 @@ import plotly.graph_objects as go
 import pytest
 
 import calib
+from calib import learning_curve, redundancy
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
-from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.plan import plan_poses
 from calib.planning.start import start_of_dataset
 from calib.screening.curves.fitted_curves import fitted_curves
-from calib.validation.learning_curve import learning_curve
 from inspector import figures
 from inspector.figures.curve_plots import CURVE
 from tests.support.hidden_dataset import write_unnamed
