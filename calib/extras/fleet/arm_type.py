@@ -24,7 +24,7 @@ from calib.calibration.calibrate import fit_measured
 from calib.calibration.promise import misfit_inflation
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.effects.catalogue import EffectChoice
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Effect
 from calib.errors import CalibError, FitError
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
@@ -276,7 +276,7 @@ def type_report(
         poses: training poses of an arm that is left out.
         seed: of the choice of these poses.
     """
-    fits = [fit_measured(dataset, options, effects=effects) for dataset in datasets]
+    fits = [fit_measured(dataset, options, effects=effects_named(dataset, effects)) for dataset in datasets]
     rng = np.random.default_rng(seed)
     left_out = []
     if len(fits) > FEWEST_ARMS:

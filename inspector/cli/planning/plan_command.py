@@ -14,6 +14,7 @@ from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Box, Dataset, Poses, Surroundings
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.diagnosis.result import Diagnosis
+from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
@@ -197,7 +198,7 @@ def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
         start = start_of_dataset(
             dataset,
             options.fit_options(),
-            effects=options.effect,
+            effects=effects_named(dataset, options.effect, user_effects),
             user_effects=user_effects,
             base_T_scanner=base_T_scanner,
             on_step=on_step,
