@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 
 class PoseReason:
@@ -13,15 +12,10 @@ class PoseReason:
 class Outcome:
     """Base of what poses achieve beyond the predicted error; `calib.present.moves.plans.told` tells each kind."""
 
-
-@runtime_checkable
-class Discriminates(Protocol):
-    """An outcome by which it is told which of some hypotheses is true."""
-
     @property
-    def power(self) -> float:
-        """Probability that it is told."""
-        ...
+    def power(self) -> float | None:
+        """Probability that it is told which of some hypotheses is true; None where there are none."""
+        return None
 
 
 @dataclass(frozen=True)

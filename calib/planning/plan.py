@@ -21,7 +21,7 @@ from calib.options import PLAN_CRITERIA, PLAN_REGIONS
 from calib.planning.criterion import DesignCriterion, DesignProblem, ForCalibration, PlanTask
 from calib.planning.effect_criterion import ForEffects
 from calib.planning.exchange import best_poses
-from calib.planning.outcome import Discriminates, Outcome, PoseReason
+from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
 from calib.planning.purpose import CALIBRATION, PlanPurpose, purposes
 from calib.planning.start import FromRobot, Start
@@ -87,7 +87,7 @@ class Plan(Presented):
     @property
     def power(self) -> float | None:
         """Probability that it is told which hypothesis is true; None for criteria without hypotheses."""
-        return self.outcome.power if isinstance(self.outcome, Discriminates) else None
+        return None if self.outcome is None else self.outcome.power
 
     def _brief(self) -> str:
         error = f"predicted RMSE {self.now.geometry_mm:.3g} -> {self.then.geometry_mm:.3g} mm"

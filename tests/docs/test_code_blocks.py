@@ -12,6 +12,7 @@ import pytest
 from _pytest.mark import ParameterSet
 
 from tests.support.code_blocks import Block, BlockError, Reader, blocks_of, difference
+from tests.support.copies import extras
 
 ROOT = Path(__file__).parents[2]
 
@@ -22,7 +23,15 @@ def is_written_by_hand(page: Path) -> bool:
     return "generated" not in folders and (page.name == "index.md" or not {"notebooks", "effects"} & set(folders))
 
 
-PAGES = [ROOT / "README.md", *sorted(filter(is_written_by_hand, (ROOT / "docs").rglob("*.md")))]
+def is_here(page: Path) -> bool:
+    """Not that of an extra that was taken away."""
+    return page.parent != ROOT / "docs" / "extras" or page.stem in extras()
+
+
+PAGES = [
+    ROOT / "README.md",
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if is_written_by_hand(page) and is_here(page)),
+]
 
 
 LONG_PAGES = tuple(

@@ -13,8 +13,6 @@ from calib.corners.correlated_noise import likelihood, posterior
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.diagnosis import decision_rules, diagnose, learning, search_space, verdict
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
-from calib.extras.fleet import shared_causes
-from calib.extras.watch import change_tests, misfit, series
 from calib.fitting import robust, trust_region
 from calib.identifiability import redundancy
 from calib.planes import clustering, robust_fit
@@ -91,9 +89,6 @@ SAID = [
     ("residual_tests", f"|r|^2 / {SIGMA_DOUBT:g}^2"),
     ("curves", "harmonics $n$ = 1 to {}, or to {} or {}".format(*joint_curves._BANDS)),
     ("curves", f"has not fallen to {percent(joint_curves._MAY_GO_ON)}"),
-    ("watching", f"multiplied by $f$, from {misfit.PROVEN_INFLATION:g} on"),
-    ("watching", f"by more than {misfit.PROVEN_GAIN:g};"),
-    ("watching", rf"$\tau \ge {misfit.PROVEN_TAILS:g}$"),
     ("curves", "$n_0$ ({:g} to {:g})".format(*curve_evidence._BANDWIDTHS)),
     ("curves", "$p$ ({:g} to {:g})".format(*curve_evidence._SLOPES)),
     ("curves", f"is {joint_curves.MIN_LOG_EVIDENCE:g} or more over no curve"),
@@ -115,18 +110,6 @@ SAID = [
     ("noise", f"$t$ with {noise_search._TAILS[0]:g} to {noise_search._TAILS[-1]:g} degrees"),
     ("planning", f"the band of {percent(prediction.SHARE)} of arms"),
     ("planning", f"{discrimination._DRAWS} draws for each hypothesis"),
-    ("watching", f"$g - {change_tests.PER_PARAMETER:g} K + 2 \\log w$"),
-    ("watching", f"{change_tests.UNUSUAL_WEIGHT:g} for lengths, angles and compliances"),
-    ("watching", f"{change_tests.DRAWS:,} draws of an unchanged cell"),
-    ("watching", f"An alarm is below {change_tests.ALARM:g};"),
-    ("watching", f"a change of the arm is named below {change_tests.NAMED:g} where"),
-    ("watching", f"else below {change_tests.NAMED_GIVEN_OTHERS:g}"),
-    ("watching", f"If {shared_causes.FEWEST} arms or more"),
-    ("watching", f"{shared_causes.PERMUTATIONS} permutations"),
-    ("watching", f"with a weight of {shared_causes.SINCE_WEIGHT:g}"),
-    ("watching", f"probability of {shared_causes.LIKELY:g} or more"),
-    ("watching", f"{series.EWMA_WEIGHT:g} \\, s_k"),
-    ("watching", f"below {shared_causes.LEVEL:g} a group is reported"),
 ]  # fmt: skip
 
 

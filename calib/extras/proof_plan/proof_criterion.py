@@ -76,7 +76,7 @@ class ForProof(BaseCriterion):
             again=found.again,
             assumed=found.assumed,
             pairs=found.pairs,
-            power=found.probability,
+            probability=found.probability,
             needed=found.needed,
             others=tuple((c.condition, c.before, c.after, probability) for c, probability in found.others),
         )

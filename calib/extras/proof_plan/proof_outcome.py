@@ -28,7 +28,12 @@ class ProofOutcome(Outcome):
     again: tuple[str, ...]  # measured poses to measure again; () where all are new
     assumed: bool  # whether no column has the condition of the measured poses, which is taken for `before`
     pairs: int
-    power: float
+    probability: float
     others: tuple[tuple[str, float | None, float | None, float], ...]
     """Other conditions with their values before and after, and nearly the probability that changing these reaches."""
     needed: tuple[Needed, ...] = ()  # what it takes to prove it more probably
+
+    @property
+    def power(self) -> float:
+        """Probability that the pairs prove which hypothesis is true."""
+        return self.probability
