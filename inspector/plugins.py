@@ -29,6 +29,21 @@ class Command:
 
 
 @dataclass(frozen=True)
+class CommandOptions:
+    """Further options of one of core's commands.
+
+    They are a dataclass as a command's, in which every field has a default. Where one of them is given, the class that
+    `does` names is made of them and of the command's own options; the command asks it at its places, which are the
+    methods of `inspector.cli.additions.CalibrateAddition`, `PlanAddition`,
+    `CorrectAddition` and `ImportAddition`.
+    """
+
+    command: str
+    options: str  # "module:class"
+    does: str  # "module:class"
+
+
+@dataclass(frozen=True)
 class PipExtra:
     """Packages that not every installation has, and the extra of pyproject.toml that brings them.
 
@@ -69,13 +84,6 @@ class Download:
     make: str  # place of a function from `Asked` (`inspector.app.controllers.downloads`) to the file's name and bytes
     icon: str = "download"  # of viser's, see `viser.Icon`
     command: str = ""  # the same at the terminal
-
-
-@dataclass(frozen=True)
-class CalibrationStart:
-    """Something that a fit of `calibrate` may begin from, beside effects, a session or a model."""
-
-    start: str  # place of a function (options, dataset) to a `StartedFit` (`inspector.cli.calibrate_command`), or None
 
 
 def contributions(kind: type[Kind]) -> tuple[Kind, ...]:

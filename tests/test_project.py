@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from calib.plugins import load
-from inspector.cli.commands import commands
+from inspector.cli.commands import commands, declarations
 from inspector.cli.options.declaration import arguments_of, help_of
 from tests.support.copies import tracked_files
 
@@ -298,8 +298,8 @@ def test_readme_help_and_documentation_list_every_command_and_option():
         section = page.partition(f"\n### {command.name}\n")[2].partition("\n### ")[0]
         assert f"`inspector {command.name}" in section, f"no section of {command.name}"
         assert f"```{{command-options}} {command.name}\n```" in section
-        told = arguments_of(load(command.options))
-        assert all(argument.help for _, argument, _ in told), f"{command.name}: an option without help"
+        told = arguments_of(*declarations(command))
+        assert all(one.help for one in told), f"{command.name}: an option without help"
 
 
 def test_readmes_python_is_python():

@@ -13,18 +13,17 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from calib.plugins import load
-from inspector.cli.commands import commands
+from inspector.cli.commands import commands, declarations
 from inspector.cli.options.declaration import add_arguments
 from inspector.cli.options.shared import FittingOptions
 
 FIT = "fit"
 
 
-def actions(declaration: type) -> list[argparse.Action]:
+def actions(*declared: type) -> list[argparse.Action]:
     """What a command is asked for beside PATH, in its order."""
     parser = argparse.ArgumentParser(add_help=False)
-    add_arguments(parser, declaration)
+    add_arguments(parser, *declared)
     return [action for action in parser._actions if action.dest != "path"]
 
 
@@ -33,7 +32,7 @@ def table_of(name: str) -> tuple[list[argparse.Action], bool]:
     fit = [action for action in actions(FittingOptions) if action.dest != "json"]
     if name == FIT:
         return fit, False
-    own = actions(load(commands()[name].options))
+    own = actions(*declarations(commands()[name]))
     shared = {option for action in fit for option in action.option_strings}
     takes_fit = shared <= {option for action in own for option in action.option_strings}
     if takes_fit:

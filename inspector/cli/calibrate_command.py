@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from calib.calibration.mount import camera_places
 from calib.calibration.plausibility import fit_without_outliers, implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
@@ -23,7 +20,6 @@ from calib.fitting.observations import nominal_state
 from calib.models.exported_table import ExportedTable, exported_table, require_template_of
 from calib.models.model_file import load_model
 from calib.models.refit import refit
-from calib.plugins import load as load_place
 from calib.present.fit.calibration import (
     calibration_document,
     calibration_head,
@@ -34,18 +30,15 @@ from calib.present.fit.calibration import (
     steps_document,
     table_document,
 )
-from calib.rendering.blocks import Block
 from calib.rendering.text import block_text
 from calib.robot_formats.calibrated_file import kept_template
 from calib.robot_formats.robot_form import forms_of, template_suffixes
-from calib.robot_formats.static_transform import StaticTransform, transform_text
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options.fits import CalibrateOptions
 from inspector.cli.options.shared import WithAdding
 from inspector.cli.output_paths import check_outputs
 from inspector.export.csv_and_png import residuals_csv
-from inspector.plugins import CalibrationStart, contributions
 from inspector.session.session import Session
 from inspector.session.session_file import session_text
 from inspector.session.transitions import with_steps
@@ -72,27 +65,18 @@ def fitted(options: WithAdding, dataset: Dataset) -> tuple[FitStep, ...]:
     return add_in_turn(dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects)
 
 
-@dataclass(frozen=True)
-class StartedFit:
-    """A fit that began from something else than the nominal robot and effects by their names."""
-
-    calibration: Calibration
-    document: Mapping[str, Any]  # further keys of `--json`
-    told: Block
-
-
 def run_calibrate(options: CalibrateOptions) -> int:
     """Fit a dataset, and write the calibrated table, the model and other files."""
     dataset = load(options.path, options.leave_out, options.finder)
     outputs = [
         options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out,
-        options.urdf_out, options.kinematics_out, options.hand_eye_out,
+        options.urdf_out, options.kinematics_out, *(path for added in options.added for path in added.outputs()),
     ]  # fmt: skip
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
     templates = _templates(options, dataset)
     dataset = measured(dataset, options.residual)
-    began = _started(options, dataset)
-    steps = _steps(options, dataset) if began is None else (first_step(began.calibration),)
+    begun = next((fit for added in options.added if (fit := added.fit(dataset)) is not None), None)
+    steps = _steps(options, dataset) if begun is None else (first_step(begun),)
     result = steps[-1].calibration
     table = _table(options, steps)
     if options.out is not None or options.model_out is not None or templates:
@@ -109,16 +93,17 @@ def run_calibrate(options: CalibrateOptions) -> int:
         document[key] = {"changed": robot_file.changed, "left_out": table.left_out, "notes": robot_file.notes}
     document["warnings"] = [*document["warnings"], *filter(None, [hint])]
     text = "\n".join(filter(None, [_calibration_text(steps, table), hint, said]))
-    if began is not None:
-        document |= began.document
-        text += "\n" + block_text(began.told)
+    for added in options.added:
+        keys, words = added.told()
+        document |= keys
+        text = "\n".join(filter(None, [text, words]))
     contents: dict[Path, str | bytes] = {path: file.content for path, file in robot_files.items()}
     if options.out is not None:
         contents[options.out] = table.to_toml()
     if options.model_out is not None:
         contents[options.model_out] = result.fitted_model.to_json()
-    if options.hand_eye_out is not None:
-        contents[options.hand_eye_out] = _hand_eye_text(options, options.hand_eye_out, result)
+    for added in options.added:
+        contents |= added.files(result)
     if options.residuals is not None:
         contents[options.residuals] = residuals_csv(result)
     if options.scene is not None:
@@ -139,33 +124,6 @@ def run_calibrate(options: CalibrateOptions) -> int:
     return 0
 
 
-def _hand_eye_text(options: CalibrateOptions, path: Path, result: Calibration) -> str:
-    """Text of the file with the camera's place for ROS. Raises CalibError for a fit that does not tell it."""
-    places = camera_places(result)
-    if not places:
-        raise CalibError(f"--hand-eye-out {path}: the place and attitude of a camera need --residual pose")
-    on_flange = places[0].parent == "flange"
-    if on_flange and options.parent_frame is None:
-        raise CalibError(
-            f"--hand-eye-out {path}: name the frame that carries the camera by --parent-frame NAME: the one behind the "
-            "last joint, or with --parent-at tip the tip link, such as tool0"
-        )
-    at_tip = on_flange and options.parent_at == "tip"
-    places = tuple(place.from_tip(result.dataset.robot) for place in places) if at_tip else places
-    parent = options.parent_frame or "base_link"
-    several = len(places) > 1
-    transforms = [
-        StaticTransform(
-            parent,
-            f"{options.camera_frame}_{place.setup}" if several else options.camera_frame,
-            place.parent_T_camera,
-            place.covariance,
-        )
-        for place in places
-    ]
-    return transform_text(path, transforms)
-
-
 def _steps(options: CalibrateOptions, dataset: Dataset) -> tuple[FitStep, ...]:
     """Fits of a calibration; with --model the one refit of that model."""
     if options.model is None:
@@ -180,15 +138,6 @@ def _steps(options: CalibrateOptions, dataset: Dataset) -> tuple[FitStep, ...]:
         raise CalibError("--model goes together with --refit frame or --refit links: what is to be fitted anew")
     model = load_model(options.model, options.effects_file)
     return (first_step(refit(model, dataset, options.refit, options.fit_options())),)
-
-
-def _started(options: CalibrateOptions, dataset: Dataset) -> StartedFit | None:
-    """Fit that begins from what a plug-in has to begin from; None where the options name nothing of that."""
-    for way in contributions(CalibrationStart):
-        started: StartedFit | None = load_place(way.start)(options, dataset)
-        if started is not None:
-            return started
-    return None
 
 
 def _table(options: CalibrateOptions, steps: Sequence[FitStep]) -> ExportedTable:

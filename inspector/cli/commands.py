@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from inspector.plugins import Command, PipExtra, contributions
+from calib.plugins import load
+from inspector.plugins import Command, CommandOptions, PipExtra, contributions
 
 _OPTIONS = "inspector.cli.options"
 
@@ -52,6 +53,16 @@ def commands() -> dict[str, Command]:
         names = [command.name for command in found]
         found.insert(names.index(brought.after) + 1 if brought.after in names else len(found), brought)
     return {command.name: command for command in found}
+
+
+def additions(command: Command) -> tuple[CommandOptions, ...]:
+    """Options that plug-ins add to a command."""
+    return tuple(added for added in contributions(CommandOptions) if added.command == command.name)
+
+
+def declarations(command: Command) -> tuple[type, ...]:
+    """The options of a command, its own first, then those that plug-ins add."""
+    return tuple(load(place) for place in (command.options, *(added.options for added in additions(command))))
 
 
 def pip_extra_of(module: str) -> str:

@@ -1,24 +1,21 @@
-"""The command `correct`: corrected joint targets, or a corrected robot program, by a fit or a saved model."""
+"""The command `correct`: corrected joint targets by a fit or a saved model."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 
-from calib.compensation.program_correction import corrected_program, require_no_conditions
 from calib.compensation.target_files import Targets, corrected_file, load_targets, require_conditions
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
-from calib.errors import CalibError, visible
+from calib.dataset.files.atomic_write import write_text_atomically
+from calib.errors import visible
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model
 from calib.present.fit.calibration import tool_shift_sentence
 from calib.present.moves.correction import correction_blocks, correction_document
-from calib.present.moves.program_correction import program_correction_blocks, program_correction_document
 from calib.rendering.text import block_text
-from calib.robot_formats.program_targets import Frames, Program, frames_given, load_program, require_frames
-from calib.robot_formats.programs import is_point_list, require_joints, require_point_list
+from calib.robot_formats.programs import is_point_list, require_point_list
 from inspector.cli.calibrate_command import fitted, require_plausible
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.model_commands import refuse_fit_options
@@ -31,9 +28,8 @@ def run_correct(options: CorrectOptions) -> int:
     if options.model is not None:
         refuse_fit_options(options)
     dataset = load(options.path, options.leave_out, options.finder)
-    check_outputs(
-        dataset, [options.out], [options.joints, options.program, *options.others, options.effects_file, options.model]
-    )
+    further = [path for added in options.added for path in added.inputs()]
+    check_outputs(dataset, [options.out], [options.joints, *further, options.effects_file, options.model])
     if options.model is not None:
         model = load_model(options.model, options.effects_file)
         model.require_same_arm(dataset)
@@ -48,13 +44,11 @@ def run_correct(options: CorrectOptions) -> int:
 
 
 def _correct(options: CorrectOptions, dataset: Dataset) -> Callable[[FittedModel], int]:
-    """The targets as they were read, to be corrected by a model."""
-    if options.program is not None:
-        return partial(_write_program, options, dataset, _program(options, dataset))
-    for option, given in (*_frames(options), ("--with", options.others)):
-        if given:
-            raise CalibError(f"{option} goes with --program; joint targets have no frames")
-    assert options.joints is not None  # one of the two is required
+    """Writer of the targets, which were read, as a model corrects them."""
+    for added in options.added:
+        if (write := added.corrected(dataset)) is not None:
+            return write
+    assert options.joints is not None  # required where nothing else is corrected
     if is_point_list(options.out):
         require_point_list(options.out, dataset.robot.is_revolute.tolist())
     return partial(_write_targets, options, dataset, load_targets(options.joints, dataset.robot))
@@ -67,35 +61,3 @@ def _write_targets(options: CorrectOptions, dataset: Dataset, targets: Targets, 
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     show(options, correction_document(correction, ids), block_text(*correction_blocks(correction, ids)))
     return 0 if correction.reached.all() else 1
-
-
-def _program(options: CorrectOptions, dataset: Dataset) -> Program:
-    """The program, once its robot, frames and output are seen to fit."""
-    assert options.program is not None
-    program = load_program(options.program, options.others)
-    require_joints(options.program, program.language, dataset.robot.is_revolute.tolist())
-    if options.out.suffix.lower() != options.program.suffix.lower():
-        raise CalibError(
-            f"--out {options.out}: a corrected program has the suffix of its own, {options.program.suffix}"
-        )
-    require_frames(program, *_given(options, program))
-    return program
-
-
-def _frames(options: CorrectOptions) -> tuple[tuple[str, Sequence[str]], tuple[str, Sequence[str]]]:
-    return ("--tool-frame", options.tool_frame), ("--work-frame", options.work_frame)
-
-
-def _given(options: CorrectOptions, program: Program) -> tuple[Frames, Frames]:
-    tools, works = (frames_given(program.language, option, texts) for option, texts in _frames(options))
-    return tools, works
-
-
-def _write_program(options: CorrectOptions, dataset: Dataset, program: Program, model: FittedModel) -> int:
-    require_no_conditions(program, model.needs, model.model.family_names)
-    tool, work = _given(options, program)
-    trained = dataset.poses.q
-    result = corrected_program(program, dataset.robot, model, trained, kind=options.what, tool=tool, work=work)
-    write_bytes_atomically(options.out, result.content)
-    show(options, program_correction_document(result), block_text(*program_correction_blocks(result)))
-    return 0 if result.reached else 1

@@ -9,13 +9,14 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext, redirect_stdout
-from typing import NoReturn
+from dataclasses import fields, replace
+from typing import Any, NoReturn
 
 from calib.errors import CalibError, printable
 from calib.plugins import load
-from inspector.cli.commands import EXTRA_OF, commands, pip_extra_of
+from inspector.cli.commands import EXTRA_OF, additions, commands, declarations, pip_extra_of
 from inspector.cli.options.declaration import add_arguments, help_of
 from inspector.plugins import Command, left_out
 
@@ -28,7 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     there = commands()
     if words and words[0] in EXTRA_OF and words[0] not in there:
         return _refused(f"{words[0]} is a command of the extra {EXTRA_OF[words[0]]}, which this installation lacks")
-    given = vars(parser_of(there.values()).parse_args(words))
+    parsed = vars(parser_of(there.values()).parse_args(words))
+    given: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in parsed.items()}
     command: Command = given.pop("command")
     if given.get("residual", "") is None:
         from calib.dataset.files.folder import usual_residual_of  # where a fit needs it; --help is quick
@@ -40,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     aside = redirect_stdout(sys.stderr) if given.get("json") else nullcontext()
     try:
         with aside:
-            return _run(command, load(command.options)(**given), ("inspector", *words))
+            return _run(command, _options(command, given), ("inspector", *words))
     except CalibError as error:
         return _refused(str(error))
     except BrokenPipeError:  # the reader of our output has closed it
@@ -69,6 +71,22 @@ def _refused(words: str) -> int:
     """Print an error on stderr; returns the exit code for it."""
     print(f"inspector: {printable(words)}", file=sys.stderr)
     return 2
+
+
+def _options(command: Command, given: Mapping[str, object]) -> Any:
+    """The command's options, with the additions of plug-ins of which any option is given."""
+    first, *further = (
+        declared(**{field.name: given[field.name] for field in fields(declared) if field.name in given})
+        for declared in declarations(command)
+    )
+    added = tuple(
+        load(addition.does)(options, first)
+        for addition, options in zip(additions(command), further, strict=True)
+        if options != type(options)()
+    )
+    for one in added:
+        one.begin()
+    return replace(first, added=added) if added else first
 
 
 def _run(command: Command, options: object, words: Sequence[str]) -> int:
@@ -108,8 +126,8 @@ def parser_of(there: Iterable[Command]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="which version this is")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in there:
-        options = load(command.options)
-        sub = subparsers.add_parser(command.name, help=help_of(options), description=help_of(options))
+        options = declarations(command)
+        sub = subparsers.add_parser(command.name, help=help_of(options[0]), description=help_of(options[0]))
         sub.set_defaults(command=command)
-        add_arguments(sub, options)
+        add_arguments(sub, *options)
     return parser

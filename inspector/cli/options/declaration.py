@@ -8,8 +8,8 @@ take are dataclasses to inherit from. A field that is declared otherwise is none
 from __future__ import annotations
 
 from argparse import ArgumentParser
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import MISSING, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass, field, fields, replace
 from inspect import get_annotations
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
@@ -21,9 +21,12 @@ _TOLD = "argument"  # key of a field's metadata
 
 @dataclass(frozen=True, kw_only=True)
 class Argument:
-    """What the command line has of a field beside its name, type and default."""
+    """What a field is on the command line. Name, type and default are those of the field, see `arguments_of`."""
 
     help: str
+    name: str = ""
+    type: Any = str
+    default: object = None
     metavar: str | None = None
     parse: Parse | None = None
     choices: Sequence[str] | None = None
@@ -63,7 +66,7 @@ def option(
     told = Argument(
         help=help, metavar=metavar, parse=parse, choices=choices, spelled=spelled, group=group, required=required
     )
-    return field(default=MISSING if required else default, metadata={_TOLD: told})
+    return field(default=MISSING if required and not group else default, metadata={_TOLD: told})
 
 
 def flag(help: str, *, group: str = "") -> Any:
@@ -83,53 +86,56 @@ def help_of(declaration: type) -> str:
     return words[:1].lower() + words[1:].removesuffix(".")
 
 
-def arguments_of(declaration: type) -> Iterator[tuple[str, Argument, Any]]:
-    """Name of each declared field, what the command line has of it, and its type.
+def arguments_of(*declarations: type) -> list[Argument]:
+    """The arguments of declarations, those of a group together.
 
     A command's own come first, then those that it inherits, in the order of its bases.
     """
-    types = get_type_hints(declaration)
-    names = dict.fromkeys(name for each in declaration.__mro__ for name in get_annotations(each))
-    fields = declaration.__dataclass_fields__  # type: ignore[attr-defined]
-    for name in names:
-        told = fields[name].metadata.get(_TOLD)
-        if told is not None:
-            yield name, told, types[name]
+    found = []
+    for declaration in declarations:
+        types = get_type_hints(declaration)
+        declared = {each.name: each for each in fields(declaration)}
+        for name in dict.fromkeys(name for base in declaration.__mro__ for name in get_annotations(base)):
+            told = declared[name].metadata.get(_TOLD)
+            if told is not None:
+                default = None if declared[name].default is MISSING else declared[name].default
+                found.append(replace(told, name=name, type=types[name], default=default))
+    place: dict[str, int] = {}
+    for at, told in enumerate(found):
+        place.setdefault(told.group or told.name, at)
+    return sorted(found, key=lambda told: place[told.group or told.name])
 
 
 def add_arguments(parser: ArgumentParser, *declarations: type) -> None:
     """Add the arguments of declarations; groups of one name are one group."""
     groups: dict[str, Any] = {}
-    for declaration in declarations:
-        for name, told, type_ in arguments_of(declaration):
-            if told.group and told.group not in groups:
-                groups[told.group] = parser.add_mutually_exclusive_group(required=told.required)
-            default = declaration.__dataclass_fields__[name].default  # type: ignore[attr-defined]
-            into = groups.get(told.group, parser)
-            into.add_argument(*_spelled(name, told), **_keywords(name, told, type_, default))
+    for told in arguments_of(*declarations):
+        if told.group and told.group not in groups:
+            groups[told.group] = parser.add_mutually_exclusive_group(required=told.required)
+        groups.get(told.group, parser).add_argument(*(told.spelled or [spelling(told)]), **_keywords(told))
 
 
-def _spelled(name: str, told: Argument) -> Sequence[str]:
-    return [name] if told.by_place else told.spelled or [f"--{name.replace('_', '-')}"]
+def spelling(told: Argument) -> str:
+    """How an argument is typed: the option, or the name of what is told by its place."""
+    return told.name if told.by_place else next(iter(told.spelled), f"--{told.name.replace('_', '-')}")
 
 
-def _keywords(name: str, told: Argument, type_: Any, default: object) -> dict[str, Any]:
+def value_type(type_: Any) -> Any:
+    """Type of one value of a field: the first of a union, that of a sequence's items; a tuple is read whole."""
+    origin = get_origin(type_)
+    return origin or type_ if origin in (None, tuple) else value_type(get_args(type_)[0])
+
+
+def _keywords(told: Argument) -> dict[str, Any]:
     """What `add_argument` is told; argparse refuses what an argument has no use for."""
     if told.is_flag:
-        return {"help": told.help, "dest": name, "action": "store_true"}
-    read = told.parse or _reader(type_)
+        return {"help": told.help, "dest": told.name, "action": "store_true"}
+    type_ = value_type(told.type)
+    read = told.parse or (type_ if type_ in (Path, int, float) else None)
     asked = {"help": told.help, "metavar": told.metavar, "choices": told.choices, "type": read}
     if told.by_place:
         return asked | {"nargs": "+" if told.repeated else None if told.required else "?"}
-    asked["dest"] = name
+    asked["dest"] = told.name
     if told.repeated:
         return asked | {"action": "append", "default": []}
-    required = told.required and not told.group
-    return asked | {"required": required, "default": None if default is MISSING else default}
-
-
-def _reader(type_: Any) -> Parse | None:
-    """What reads a text as a field's type, a union or a sequence by its first; None for text itself."""
-    if get_origin(type_) is not None:
-        return _reader(get_args(type_)[0])
-    return type_ if type_ in (Path, int, float) else None
+    return asked | {"required": told.required and not told.group, "default": told.default}

@@ -34,23 +34,6 @@ class CalibrateOptions(WithModelOut, WithLearnedOut, FittingOptions, WithAdding)
     template: Sequence[Path] = several(
         "your own .urdf or .yaml of this arm; default: the file that `import` took the robot from", metavar="FILE"
     )
-    hand_eye_out: Path | None = option(
-        "write where the camera is, for ROS: .yaml .launch.py .launch .json .txt (the tf command); with "
-        "--residual pose",
-        metavar="FILE",
-    )
-    parent_frame: str | None = option(
-        "your robot's name of the frame that carries the camera, such as tool0; of the base: base_link by default",
-        metavar="NAME",
-    )
-    parent_at: str = option(
-        "which frame that is: behind robot.toml's last joint (default), or behind its tool row, a URDF's tip link",
-        "flange",
-        choices=("flange", "tip"),
-    )
-    camera_frame: str = option(
-        "its name of the camera's optical frame (default camera_optical_frame)", "camera_optical_frame", metavar="NAME"
-    )
     force: bool = flag("write although the fit is no improvement")
     residuals: Path | None = option("write what is left over, a row a pose with all inputs", metavar="FILE.csv")
     scene: Path | None = option("write arm, points and residuals (x 100) in 3D", metavar="FILE.glb")
@@ -59,7 +42,6 @@ class CalibrateOptions(WithModelOut, WithLearnedOut, FittingOptions, WithAdding)
         "hold the effects and curves of this saved model, with --refit (of calibrate --model-out)", metavar="FILE.json"
     )
     refit: str | None = option("what is fitted anew with --model: frame and tool, or links too (links)", choices=REFITS)
-    type: Path | None = option("begin from what other arms of the type share (of pool --out)", metavar="FILE.json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,28 +59,6 @@ class CorrectOptions(FittingOptions, WithAdding):
     """Joint targets that bring the real arm where the nominal one should be."""
 
     joints: Path | None = option("targets, columns as poses.csv", metavar="FILE", group="targets", required=True)
-    program: Path | None = option(
-        "a robot program to correct: .script (URScript), .src or .dat (KRL), .mod, .sys or .prg (RAPID)",
-        metavar="FILE",
-        group="targets",
-        required=True,
-    )
-    others: Sequence[Path] = several(
-        "of --program: another file of the controller, which defines tools and bases or moves to the targets "
-        "($config.dat, a module); give it several times for several",
-        metavar="FILE",
-        spelled=["--with"],
-    )
-    tool_frame: Sequence[str] = several(
-        "tool frame on the flange, where the program does not define it (several by their names): "
-        "x,y,z,rx,ry,rz (URScript, m and rad), X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
-        metavar="[NAME=]NUMBERS",
-    )
-    work_frame: Sequence[str] = several(
-        "work frame in the robot's base, where the program does not define it (several by their names): "
-        "x,y,z,rx,ry,rz (URScript, m and rad), X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
-        metavar="[NAME=]NUMBERS",
-    )
     out: Path = option(
         "write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID); "
         "of a program the corrected one, with its suffix",

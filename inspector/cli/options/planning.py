@@ -69,32 +69,3 @@ class PlanOptions(FittingOptions, RobotFileOptions):
         "write the poses: .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID), .yaml (ROS trajectory)",
         metavar="FILE",
     )
-    program: Path | None = option(
-        "write the program that moves to each pose, settles, triggers, waits and records the joints: .script "
-        "(URScript), .src (KRL, and its .dat), .mod (RAPID)",
-        metavar="FILE",
-    )
-    template: Path | None = option("of --program: your own template (Jinja2), for any language", metavar="FILE")
-    template_out: Path | None = option("write the template of --program's language, to be edited", metavar="FILE")
-    speed: float | None = option(
-        "of --program: URScript deg/s of the leading joint (default 15), KRL %% of each axis's top speed (10), "
-        "RAPID mm/s of the tool (100)",
-        metavar="X",
-        parse=values.speed,
-    )
-    settle_s: float | None = option("at rest before the trigger (default 1)", metavar="X", parse=values.wait_s)
-    trigger: tuple[str, ...] | None = option(  # output and its signal, or socket, host and port
-        "output:NUMBER (RAPID: output:NAME), a pulse, or socket:HOST:PORT, a line with the pose's name; default none",
-        metavar="SIGNAL",
-        parse=values.trigger,
-    )
-    pulse_s: float | None = option("length of the pulse (default 0.2)", metavar="X", parse=values.seconds)
-    measured: tuple[str, ...] | None = option(  # input and its signal, or reply
-        "wait for input:NUMBER (RAPID: input:NAME), or reply (a line on the socket), however long it takes",
-        metavar="SIGNAL",
-        parse=values.measured_signal,
-    )
-    stand_s: float | None = option(
-        "without --measured: at rest after the trigger (default 3)", metavar="X", parse=values.wait_s
-    )
-    tool_name: str | None = option("tool whose load counts: number (KRL), name (RAPID, default tool0)", metavar="NAME")

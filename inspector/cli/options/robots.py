@@ -23,39 +23,7 @@ class ConvertOptions(RobotFileOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraOptions:
-    """Options of an import of what a camera sees."""
-
-    images: Path | None = option("images of a board, one a pose (extra `camera`)", metavar="FOLDER")
-    board: str | None = option(
-        "what they show: charuco:8x6:30:22 (squares, mm of a square, mm of a marker), checkerboard:9x6:25, "
-        "apriltag:6x6:40:12 (tags, mm of a tag, mm of a gap), apriltag:50 (a single one), aruco:...",
-        metavar="KIND:SIZES",
-    )
-    board_sigma: float | None = option(
-        "standard deviation of the board's size, 0.1 by a caliper over all of it (default: taken as exact)",
-        metavar="PERCENT",
-    )
-    dictionary: str | None = option("of the markers, such as DICT_4X4_50 (default: by the images)", metavar="NAME")
-    intrinsics: Path | None = option(
-        "the lens: ROS camera_info.yaml, OpenCV's YAML, XML or JSON (default: found from the images)", metavar="FILE"
-    )
-    marker_poses: Path | None = option(
-        "poses of a marker in the camera's frame that another program measured: CSV, YAML of ROS or easy_handeye, "
-        "OpenCV's files",
-        metavar="FILE",
-    )
-    flange_poses: Path | None = option(
-        "poses of the flange as the controller tells them, in place of --robot and --joints: the camera's place "
-        "is found, and nothing of the links",
-        metavar="FILE",
-    )
-    length_unit: str | None = option("of those poses, where the file does not tell", choices=("mm", "cm", "m"))
-    mount: str | None = option("where the camera is (default: what the poses clearly show)", choices=("flange", "room"))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImportOptions(CameraOptions, RobotFileOptions):
+class ImportOptions(RobotFileOptions):
     """A dataset folder from a robot, joint values and measured points, or from a zip of them."""
 
     path: Path = argument("folder to make", metavar="PATH")

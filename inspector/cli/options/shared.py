@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from calib.options import RESIDUAL_KINDS, FitOptions
 from inspector.cli.options import values
@@ -21,6 +21,7 @@ class Output:
 
     json: bool = flag("one JSON object on stdout, nothing else")
     stdout: TextIO  # with --json, `sys.stdout` leads to stderr while a command runs
+    added: tuple[Any, ...] = ()  # each an `Addition` of a plug-in, of which options are given
 
 
 @dataclass(frozen=True, kw_only=True)

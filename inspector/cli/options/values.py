@@ -11,7 +11,6 @@ from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
 from calib.options import PLAN_REGIONS
 
 _HEAVIEST_KG = 1e4
-_LONGEST_WAIT_S = 3600.0  # that an arm stands at a pose
 _LONGEST_S = 1e6  # what a lock of the system waits for is bounded
 
 
@@ -106,28 +105,7 @@ def tool_mm(text: str) -> tuple[float, float, float]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def trigger(text: str) -> tuple[str, ...]:
-    """Trigger of a measurement: "output:1" as its kind and signal, "socket:10.0.0.5:5000" as kind, host and port."""
-    kind, _, rest = text.partition(":")
-    if kind == "output" and rest.strip():
-        return kind, rest.strip()
-    host, _, number = rest.rpartition(":")
-    if kind == "socket" and host and number.isdecimal() and 0 < int(number) < 65536:
-        return kind, host, number
-    raise argparse.ArgumentTypeError(f"{text!r} is no trigger; output:1, output:doMeasure or socket:10.0.0.5:5000")
-
-
-def measured_signal(text: str) -> tuple[str, ...]:
-    """Signal that a pose is measured: "input:2" as its kind and signal, or "reply"."""
-    kind, _, rest = text.partition(":")
-    if kind == "input" and rest.strip():
-        return kind, rest.strip()
-    if text == "reply":
-        return (text,)
-    raise argparse.ArgumentTypeError(f"{text!r} is no signal to wait for; input:2, input:diDone or reply")
-
-
-def _number_that(holds: Callable[[float], bool], fault: str) -> Callable[[str], float]:
+def number_that(holds: Callable[[float], bool], fault: str) -> Callable[[str], float]:
     """Parser of a number for which a condition holds; `fault` is what it is not, and what is wanted."""
 
     def parse(text: str) -> float:
@@ -156,11 +134,9 @@ def whole(text: str, low: int, high: int, what: str) -> int:
 
 def number_above_0(fault: str) -> Callable[[str], float]:
     """Parser of a finite number above 0; `fault` is what any other is not, and what is wanted."""
-    return _number_that(lambda value: 0.0 < value < math.inf, fault)
+    return number_that(lambda value: 0.0 < value < math.inf, fault)
 
 
 rmse_mm = number_above_0("an error to ask for; a number of mm above 0")
-speed = number_above_0("a speed; a number above 0, in the unit of the language")
-mass_kg = _number_that(lambda kg: 0.0 < kg < _HEAVIEST_KG, "a mass; kg above 0, such as 3")
-seconds = _number_that(lambda s: 0.0 < s <= _LONGEST_S, f"a time to wait; seconds above 0, {_LONGEST_S:g} at most")
-wait_s = _number_that(lambda s: 0.0 <= s <= _LONGEST_WAIT_S, f"a time to stand; seconds, 0 to {_LONGEST_WAIT_S:g}")
+mass_kg = number_that(lambda kg: 0.0 < kg < _HEAVIEST_KG, "a mass; kg above 0, such as 3")
+seconds = number_that(lambda s: 0.0 < s <= _LONGEST_S, f"a time to wait; seconds above 0, {_LONGEST_S:g} at most")

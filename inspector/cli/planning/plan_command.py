@@ -32,14 +32,6 @@ from calib.planning.plan import (
 from calib.planning.purpose import FURTHER, PlanPurpose, purposes
 from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
-from calib.robot_formats.measuring_program import (
-    Measured,
-    MeasuringOptions,
-    ProgramTemplate,
-    Trigger,
-    program_files,
-    shipped_template,
-)
 from calib.robot_formats.robot_file import named_robot
 from calib.workcell.known_cell import CUBE_CORNER, workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD
@@ -51,7 +43,7 @@ from inspector.cli.options.planning import PlanOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import stages
 from inspector.cli.robots.reading import reading_of
-from inspector.export.plan_files import check_plan_file, check_plan_program, planned_file, planned_program
+from inspector.export.plan_files import check_plan_file, planned_file
 
 BALL = "ball"
 _SAME = 1e-4  # rad or mm by which the joints of one pose may differ between two tables
@@ -61,7 +53,6 @@ def run_plan(options: PlanOptions) -> int:
     """Choose poses, and print the reasons and the expected result."""
     if options.out is not None:
         check_plan_file(options.out)
-    template = _checked_program(options)
     purpose = purposes().get(options.purpose)
     if purpose is not None and purpose.why_no_candidates and options.candidates is not None:
         told = f"--for {purpose.name} {purpose.why_no_candidates}"
@@ -88,68 +79,18 @@ def run_plan(options: PlanOptions) -> int:
         seed=options.seed,
     )
     written = {} if options.out is None else {options.out: planned_file(options.out, plan)}
-    if options.program is not None:
-        written |= planned_program(options.program, plan, _measuring(options), template)
+    for added in options.added:
+        written |= added.files(plan)
     for path, text in written.items():
         write_text_atomically(path, text)
     show(options, plan.to_dict(), plan.summary())
     return 0
 
 
-def _checked_program(options: PlanOptions) -> ProgramTemplate | None:
-    """User's template of the measuring program; the shipped one is written where it is asked for. Raises CalibError."""
-    if options.program is None:
-        chosen = {
-            "--template": options.template, "--template-out": options.template_out, "--speed": options.speed,
-            "--settle-s": options.settle_s, "--stand-s": options.stand_s, "--trigger": options.trigger,
-            "--pulse-s": options.pulse_s, "--measured": options.measured, "--tool-name": options.tool_name,
-        }  # fmt: skip
-        alone = next((name for name, value in chosen.items() if value is not None), None)
-        if alone is not None:
-            raise CalibError(f"{alone} is of a measuring program; give --program FILE with it")
-        return None
-    template = check_plan_program(options.program, _measuring(options), options.template)
-    places = [path.resolve() for path in _outputs(options) if path is not None]
-    again = [path for path in places if places.count(path) > 1]
-    if again:
-        raise CalibError(f"{again[0]}: is to be written twice; name a file for each")
-    if options.template is not None and options.template.resolve() in places:
-        raise CalibError(f"{options.template}: is what this command reads, which would be lost; name another file")
-    if options.template_out is not None:
-        write_text_atomically(options.template_out, shipped_template(options.program))
-    return template
-
-
-def _outputs(options: PlanOptions) -> list[Path | None]:
-    program = () if options.program is None else program_files(options.program)
-    return [options.out, *program, options.template_out]
-
-
-def _measuring(options: PlanOptions) -> MeasuringOptions:
-    usual = MeasuringOptions()
-    match options.trigger:
-        case ("output", signal):
-            trigger = Trigger("output", signal)
-        case ("socket", host, port):
-            trigger = Trigger("socket", host=host, port=int(port))
-        case _:
-            trigger = Trigger()
-    match options.measured:
-        case ("input", signal):
-            done = Measured("input", signal)
-        case ("reply",):
-            done = Measured("reply")
-        case _:
-            done = Measured()
-    return MeasuringOptions(
-        speed=options.speed,
-        settle_s=usual.settle_s if options.settle_s is None else options.settle_s,
-        stand_s=usual.stand_s if options.stand_s is None else options.stand_s,
-        trigger=trigger,
-        pulse_s=usual.pulse_s if options.pulse_s is None else options.pulse_s,
-        measured=done,
-        tool=options.tool_name or "",
-    )
+def _check_outputs(options: PlanOptions, dataset: Dataset) -> None:
+    outputs = [options.out, *(path for added in options.added for path in added.outputs())]
+    inputs = [options.effects_file, *(path for added in options.added for path in added.inputs())]
+    check_outputs(dataset, outputs, inputs)
 
 
 def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
@@ -159,7 +100,7 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     if options.noise_mm is not None:
         raise CalibError(f"{options.path}: the noise is known from the fit; leave out --noise-mm")
     dataset = load(options.path, options.leave_out, options.finder)
-    check_outputs(dataset, _outputs(options), [options.effects_file, options.template])
+    _check_outputs(options, dataset)
     dataset = measured(dataset, options.residual)
     return dataset, loaded_effects(options.effects_file, dataset)
 
@@ -224,7 +165,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
     if options.scanner is not None:
         raise CalibError(f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses")
     dataset = load(options.path, options.leave_out, options.finder)
-    check_outputs(dataset, _outputs(options), [options.template])
+    _check_outputs(options, dataset)
     cell = workcell_of_dataset(measured(dataset))
     noise_mm = options.noise_mm or dataset.scanner.point_sigma_mm or DEFAULT_NOISE_MM
     return FromRobot(cell, noise_mm, options.fit_options())

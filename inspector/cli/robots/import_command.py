@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from calib.dataset.dataset import ROLES, Dataset
-from calib.dataset_import.camera_views import CameraChoice
 from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import (
     ImportChoice,
@@ -42,7 +41,7 @@ def run_import(options: ImportOptions) -> int:
     with given as files:
         if files.datasets:
             return _ready(options, files)
-        with nullcontext() if options.images is None else progress("images", "image") as on_progress:
+        with nullcontext() if choice.camera.images is None else progress("images", "image") as on_progress:
             plan = without_folder(plan_of_files(files, choice, on_progress), files.folder)
         for doubt in plan.doubts:
             print(visible(f"inspector: warning: {doubt}"), file=sys.stderr)
@@ -67,18 +66,14 @@ def _named(options: ImportOptions) -> UserFiles:
 
 def _choice(options: ImportOptions) -> ImportChoice:
     reading = reading_of(options, named=options.robot is not None)
-    camera = CameraChoice(
-        options.images, options.board, options.dictionary, options.intrinsics, options.marker_poses,
-        options.length_unit, options.mount, options.flange_poses,
-        None if options.board_sigma is None else 0.01 * options.board_sigma,
-    )  # fmt: skip
-    camera.require_consistent()
-    return ImportChoice(
+    choice = ImportChoice(
         options.robot, reading, options.joints, options.points, parsed_mapping(options.map),
         point_sigma_mm=options.sigma, place_sigma_mm=options.place_sigma, tool_mm=options.tool,
         skip_bad_rows=options.skip_bad_rows,
-        camera=camera,
     )  # fmt: skip
+    for added in options.added:
+        choice = added.chosen(choice)
+    return choice
 
 
 def _skip_hint(plan: ImportPlan) -> str:

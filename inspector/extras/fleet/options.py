@@ -46,3 +46,10 @@ class FleetOptions(Output):
     max_test_rmse_mm: float | None = option("what the test poses' error may be", metavar="X", parse=values.rmse_mm)
     resume: bool = flag("take over results whose files have not changed (default)", group="again")
     fresh: bool = flag("drop what is there and judge all anew", group="again")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TypeOptions:
+    """The type of arm from which a fit begins."""
+
+    type: Path | None = option("begin from what other arms of the type share (of pool --out)", metavar="FILE.json")

@@ -1,6 +1,6 @@
 """What fleets bring to the commands and the figures."""
 
-from inspector.plugins import CalibrationStart, Command, Figures
+from inspector.plugins import Command, CommandOptions, Figures
 
 CONTRIBUTIONS = (
     Command(
@@ -15,6 +15,8 @@ CONTRIBUTIONS = (
         "inspector.extras.fleet.fleet_command:run_fleet_command",
         after="check",
     ),
-    CalibrationStart("inspector.extras.fleet.start_from_type:start_from_type"),
+    CommandOptions(
+        "calibrate", "inspector.extras.fleet.options:TypeOptions", "inspector.extras.fleet.from_type:FromType"
+    ),
     Figures("inspector.extras.fleet.figures", ("fleet_errors",)),
 )

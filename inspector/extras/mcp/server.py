@@ -2,58 +2,40 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import anyio
-from mcp import types
-from mcp.server import Server
-from mcp.server.stdio import stdio_server
+from mcp.server.mcpserver import Context, Image, MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+from mcp.server.mcpserver.tools import Tool
+from mcp.types import CallToolResult, ToolAnnotations
+from pydantic import Field, ValidationError
 
 from calib.errors import CalibError
 from inspector.extras.mcp.options import McpOptions
 from inspector.extras.mcp.roots import Roots
-from inspector.extras.mcp.tools import FIGURE, JSON_KEYS, CommandTool, ToolError, command_tools
-
-if TYPE_CHECKING:
-    from mcp.server import ServerRequestContext
+from inspector.extras.mcp.tools import JSON_KEYS, CallError, CommandTool, command_tools
 
 NAME = "robot-calibration-inspector"
 SKILL = "inspector://skill"  # address of the guide as a resource
 MOST_CHARACTERS = 60_000  # of one answer; an agent reads no more at a time
 BAD = 2  # exit code of bad input
+FIGURE = "figure"  # the tool that answers with a picture
 _READS = frozenset({"corners", "redundancy", "effects", "follow", "verify", "repeat", "watch", "check", "fleet"})
-
 _ISOLATED = ("-P",)  # what lies in the working folder is data, and no module
-
 _SAID = "inspector: "  # begins what a command says beside its result
 
-Content = types.TextContent | types.ImageContent
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a call answers with."""
-
-    content: tuple[Content, ...]
-    is_error: bool = False
-
-    @classmethod
-    def of_text(cls, text: str, *, is_error: bool = False) -> Answer:
-        """Answer of text alone, cut where it is longer than an agent reads."""
-        if len(text) > MOST_CHARACTERS:
-            left = len(text) - MOST_CHARACTERS
-            text = f"{text[:MOST_CHARACTERS]}\n... {left} more characters: ask for parts by {JSON_KEYS}"
-        return cls((types.TextContent(type="text", text=text),), is_error)
+Ended = subprocess.CompletedProcess[bytes]
+Picture = tuple[Image, str]  # and its caption
 
 
 @dataclass(frozen=True)
@@ -68,59 +50,83 @@ class Toolbox:
     def __post_init__(self) -> None:
         object.__setattr__(self, "tools", command_tools(allow_code=self.allow_code))
 
-    def listed(self) -> list[types.Tool]:
-        """All tools with their schemas."""
-        told = [
-            types.Tool(
-                name=tool.name,
-                description=tool.description,
-                input_schema=tool.schema(),
-                annotations=types.ToolAnnotations(read_only_hint=name in _READS, open_world_hint=False),
-            )
-            for name, tool in self.tools.items()
-        ]
-        return [*told, _figure_tool()]
+    def all(self) -> list[Tool]:
+        """Every command as a typed function, and the one that answers with a picture."""
+        made = [_tool(self._function(tool), tool.description, tool.name in _READS) for tool in self.tools.values()]
+        return [*made, _tool(self.figure, "a figure of the diagnosis as a picture, with its caption", True)]
 
-    async def call(self, name: str, given: Mapping[str, Any]) -> Answer:
-        """Answer of a call; what is wrong with it, or with the data, is an answer, too."""
-        try:
-            if name == FIGURE:
-                return await self._figure(given)
-            tool = self.tools.get(name)
-            if tool is None:
-                raise ToolError(f"{name}: no such tool; there are {', '.join([*self.tools, FIGURE])}")
-            wanted = _wanted_keys(tool, given)
+    def _function(self, tool: CommandTool) -> Callable[..., Awaitable[str]]:
+        async def call(**given: object) -> str:
+            wanted = given.pop(JSON_KEYS, None)
             words = tool.words(given, self.roots)
-            if wanted is None:
-                return _text_answer(await self._run(words))
-            return _json_answer(await self._run([words[0], "--json", *words[1:]]), wanted)
-        except CalibError as error:
-            return Answer.of_text(str(error), is_error=True)
+            if not isinstance(wanted, list):
+                return _text(await self._run(words))
+            return _parts(await self._run([words[0], "--json", *words[1:]]), wanted)
 
-    async def _run(self, words: list[str]) -> subprocess.CompletedProcess[bytes]:
-        """A command that has ended. Raises ToolError where it takes longer than a call may."""
+        call.__name__ = tool.name
+        call.__signature__ = tool.signature()  # type: ignore[attr-defined]
+        return call
+
+    async def figure(
+        self,
+        path: Annotated[str, Field(description="dataset folder")],
+        name: Annotated[str, Field(description="of the figure; without it, the names and captions of all")] = "",
+    ) -> str | Picture:
+        """A figure of a diagnosis as a picture; without a name, the names of all."""
+        tool = self.tools["figures"]
+        if not name:
+            return _text(await self._run(tool.words({"path": path}, self.roots)))
+        with tempfile.TemporaryDirectory(prefix="figure-") as folder:
+            words = tool.words({"path": path, "name": [name]}, self.roots)
+            ended = await self._run([words[0], f"--out={folder}", "--png", "--json", *words[1:]])
+            if ended.returncode:
+                return _text(ended)
+            (told,) = json.loads(ended.stdout)["figures"]
+            return Image(data=Path(told["file"]).read_bytes(), format="png"), told["caption"]
+
+    async def _run(self, words: list[str]) -> Ended:
+        """A command that has ended. Raises CallError where it takes longer than a call may."""
         with anyio.move_on_after(self.timeout_s):
             return await anyio.run_process(
                 [sys.executable, *_ISOLATED, "-m", "inspector", *words], check=False, cwd=self.roots.folders[0]
             )
-        raise ToolError(f"{words[0]}: not done after {self.timeout_s:g} s, and ended (mcp --timeout-s)")
+        raise CallError(f"{words[0]}: not done after {self.timeout_s:g} s, and ended (mcp --timeout-s)")
 
-    async def _figure(self, given: Mapping[str, Any]) -> Answer:
-        """A figure of a diagnosis as a picture; without a name, the names of all."""
-        name, asked = given.get("name"), {key: value for key, value in given.items() if key != "name"}
-        tool = self.tools["figures"]
-        if not name:
-            return _text_answer(await self._run(tool.words(asked, self.roots)))
-        with tempfile.TemporaryDirectory(prefix="figure-") as folder:
-            words = tool.words(asked | {"name": [name]}, self.roots)
-            out = [f"--out={folder}", "--png", "--json"]
-            ended = await self._run([words[0], *out, *words[1:]])
-            if ended.returncode:
-                return _text_answer(ended)
-            (told,) = json.loads(ended.stdout)["figures"]
-            picture = base64.b64encode(Path(told["file"]).read_bytes()).decode("ascii")
-        caption = types.TextContent(type="text", text=told["caption"])
-        return Answer((types.ImageContent(type="image", data=picture, mime_type="image/png"), caption))
+
+class _Server(MCPServer[None]):
+    """Server whose answer to what is wrong with a call, or with the data, is one line."""
+
+    async def call_tool(
+        self, name: str, arguments: dict[str, Any], context: Context[None, Any] | None = None
+    ) -> CallToolResult | Any:
+        takes = {tool.name: tool.input_schema["properties"] for tool in await self.list_tools()}
+        if name not in takes:
+            raise ToolError(f"{name}: no such tool; there are {', '.join(takes)}")
+        unknown = sorted(arguments.keys() - takes[name].keys())
+        if unknown:
+            raise ToolError(f"{name}: takes no {unknown[0]!r}; it takes {', '.join(takes[name])}")
+        given = {key: value for key, value in arguments.items() if value is not None}
+        try:
+            return await super().call_tool(name, given, context)
+        except ToolError as error:
+            cause = error.__cause__
+            if isinstance(cause, ValidationError):
+                raise ToolError(f"{name}: {'; '.join(map(_fault, cause.errors()))}") from None
+            raise ToolError(str(cause)) from None if isinstance(cause, CalibError) else error
+
+
+def server_of(toolbox: Toolbox) -> MCPServer[None]:
+    """Server of the tools, with the guide as its instructions and as a resource."""
+    server = _Server(
+        NAME,
+        title="Robot calibration inspector",
+        instructions=skill().partition("---\n\n")[2],
+        version=version(NAME),
+        tools=toolbox.all(),
+        log_level="ERROR",
+    )
+    server.resource(SKILL, name="skill", title="Find out why a robot arm is off", mime_type="text/markdown")(skill)
+    return server
 
 
 def skill() -> str:
@@ -128,101 +134,60 @@ def skill() -> str:
     return resources.files("inspector.extras.mcp").joinpath("skill.md").read_text(encoding="utf-8")
 
 
-def server_of(toolbox: Toolbox) -> Server[Any]:
-    """Server of the tools, with the guide as its instructions and as a resource."""
-
-    async def list_tools(_: ServerRequestContext[Any], __: object) -> types.ListToolsResult:
-        return types.ListToolsResult(tools=toolbox.listed())
-
-    async def call_tool(_: ServerRequestContext[Any], asked: types.CallToolRequestParams) -> types.CallToolResult:
-        answer = await toolbox.call(asked.name, asked.arguments or {})
-        return types.CallToolResult(content=list(answer.content), is_error=answer.is_error)
-
-    async def list_resources(_: ServerRequestContext[Any], __: object) -> types.ListResourcesResult:
-        guide = types.Resource(
-            uri=SKILL, name="skill", title="Find out why a robot arm is off", mime_type="text/markdown"
-        )
-        return types.ListResourcesResult(resources=[guide])
-
-    async def read_resource(
-        _: ServerRequestContext[Any], asked: types.ReadResourceRequestParams
-    ) -> types.ReadResourceResult:
-        if str(asked.uri) != SKILL:
-            raise ToolError(f"{asked.uri}: no such resource; there is {SKILL}")
-        text = types.TextResourceContents(uri=SKILL, mime_type="text/markdown", text=skill())
-        return types.ReadResourceResult(contents=[text])
-
-    return Server(
-        NAME,
-        version=version(NAME),
-        title="Robot calibration inspector",
-        instructions=skill().partition("---\n\n")[2],
-        on_list_tools=list_tools,
-        on_call_tool=call_tool,
-        on_list_resources=list_resources,
-        on_read_resource=read_resource,
-    )
-
-
 def run_mcp(options: McpOptions) -> int:
     """Serve the tools on stdin and stdout until the client ends it."""
     roots = Roots.of(options.root or [Path()])
-    server = server_of(Toolbox(roots, options.timeout_s, options.allow_code))
-
-    async def serve() -> None:
-        async with stdio_server() as (received, sent):
-            await server.run(received, sent, server.create_initialization_options())
-
-    anyio.run(serve)
+    server_of(Toolbox(roots, options.timeout_s, options.allow_code)).run("stdio")
     return 0
 
 
-def _figure_tool() -> types.Tool:
-    properties = {
-        "path": {"type": "string", "description": "dataset folder"},
-        "name": {"type": "string", "description": "of the figure; without it, the names and captions of all"},
-    }
-    return types.Tool(
-        name=FIGURE,
-        description="a figure of the diagnosis as a picture, with its caption",
-        input_schema={"type": "object", "properties": properties, "required": ["path"], "additionalProperties": False},
-        annotations=types.ToolAnnotations(read_only_hint=True, open_world_hint=False),
-    )
+def _tool(function: Callable[..., Any], description: str, reads: bool) -> Tool:
+    """Tool of a function; its schema says that it takes nothing else, in few words, which an agent reads."""
+    hints = ToolAnnotations(read_only_hint=reads, open_world_hint=False)
+    made = Tool.from_function(function, description=description, annotations=hints, structured_output=False)
+    made.parameters["additionalProperties"] = False
+    for told in made.parameters["properties"].values():
+        del told["title"]  # the name again
+        if told.get("default", "") is None:
+            del told["default"]
+    return made
 
 
-def _wanted_keys(tool: CommandTool, given: Mapping[str, Any]) -> list[str] | None:
-    """Keys of the JSON document that a call asks for; None where it wants the text."""
-    wanted = given.get(JSON_KEYS)
-    if wanted is None:
-        return None
-    if not tool.gives_json:
-        raise ToolError(f"{tool.name}: answers with text alone; leave {JSON_KEYS} out")
-    if not isinstance(wanted, list) or not all(isinstance(key, str) for key in wanted):
-        raise ToolError(f"{tool.name}: {JSON_KEYS} is a list of keys, found {wanted!r}")
-    return wanted
+def _fault(error: Mapping[str, Any]) -> str:
+    """What is wrong with an argument, by pydantic's error."""
+    key = ".".join(map(str, error["loc"]))
+    if error["type"] == "missing":
+        return f"needs {key!r}"
+    return f"{key}: {error['msg']}, found {error['input']!r}"
 
 
-def _said(ended: subprocess.CompletedProcess[bytes]) -> tuple[str, str]:
+def _cut(text: str) -> str:
+    """Text as long as an agent reads."""
+    if len(text) <= MOST_CHARACTERS:
+        return text
+    left = len(text) - MOST_CHARACTERS
+    return f"{text[:MOST_CHARACTERS]}\n... {left} more characters: ask for parts by {JSON_KEYS}"
+
+
+def _text(ended: Ended) -> str:
+    """What a command says. Raises CallError where its input was bad."""
     out, err = (stream.decode("utf-8", "replace").strip() for stream in (ended.stdout, ended.stderr))
     # Progress that overwrites itself is for a terminal.
-    return out, "\n".join(line for line in err.splitlines() if line.startswith(_SAID))
-
-
-def _text_answer(ended: subprocess.CompletedProcess[bytes]) -> Answer:
-    out, err = _said(ended)
+    err = "\n".join(line for line in err.splitlines() if line.startswith(_SAID))
     if ended.returncode == BAD or ended.returncode < 0:
-        return Answer.of_text(err.removeprefix(_SAID) or out or f"ended by signal {-ended.returncode}", is_error=True)
+        raise CallError(err.removeprefix(_SAID) or out or f"ended by signal {-ended.returncode}")
     verdict = "" if ended.returncode == 0 else 'exit code 1: the answer is "not good enough"\n\n'
-    return Answer.of_text("\n\n".join(part for part in (verdict + out, err) if part))
+    return _cut("\n\n".join(part for part in (verdict + out, err) if part))
 
 
-def _json_answer(ended: subprocess.CompletedProcess[bytes], wanted: list[str]) -> Answer:
+def _parts(ended: Ended, wanted: list[str]) -> str:
+    """Parts of a command's JSON document; where no key is asked for, its keys."""
     if ended.returncode not in (0, 1):
-        return _text_answer(ended)
+        return _text(ended)
     document = json.loads(ended.stdout)
     if not wanted:
-        return Answer.of_text("keys: " + ", ".join(document))
+        return _cut("keys: " + ", ".join(document))
     missing = [key for key in wanted if key not in document]
     if missing:
-        raise ToolError(f"no key {missing[0]!r} in the document; there are {', '.join(document)}")
-    return Answer.of_text(json.dumps({key: document[key] for key in wanted}, ensure_ascii=False))
+        raise CallError(f"no key {missing[0]!r} in the document; there are {', '.join(document)}")
+    return _cut(json.dumps({key: document[key] for key in wanted}, ensure_ascii=False))

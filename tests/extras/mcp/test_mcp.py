@@ -19,8 +19,8 @@ from mcp import Client, StdioServerParameters, types
 
 from inspector.cli.commands import commands
 from inspector.extras.mcp.roots import RootError, Roots
-from inspector.extras.mcp.server import SKILL, Toolbox, server_of, skill
-from inspector.extras.mcp.tools import NOT_OFFERED, ToolError, command_tools, key_of
+from inspector.extras.mcp.server import FIGURE, SKILL, Toolbox, server_of, skill
+from inspector.extras.mcp.tools import NOT_OFFERED, CallError, command_tools
 from tests.support.hidden_dataset import write_hidden
 
 pytestmark = pytest.mark.slow  # each call is a process
@@ -106,6 +106,8 @@ def test_what_is_bad_is_an_answer_and_the_server_lives(toolbox: Toolbox, root: P
         ("diagnose", {}),
         ("diagnose", {"path": name, "residual": "nonsense"}),
         ("diagnose", {"path": name, "robust": "yes"}),
+        ("diagnose", {"path": ["a", "b"]}),
+        ("diagnose", {"path": name, "max_steps": True}),
         ("diagnose", {"path": name, "json_keys": ["no_such"]}),
         ("nonsense", {}),
         ("serve", {"path": name}),
@@ -114,10 +116,12 @@ def test_what_is_bad_is_an_answer_and_the_server_lives(toolbox: Toolbox, root: P
     found = [text_of(one) for one in bad]
     assert all(one.is_error for one in bad)
     assert "Traceback" not in "".join(found)
+    assert all("\n" not in one for one in found)
     for said, part in zip(
         found,
         (
-            "nowhere", "takes no 'no_such'", "needs 'path'", "nonsense", "true or false", "no key 'no_such'",
+            "nowhere", "takes no 'no_such'", "needs 'path'", "nonsense", "robust: Input should be a valid boolean",
+            "path: Input should be a valid string", "max_steps: Input should be a valid integer", "no key 'no_such'",
             "no such tool", "no such tool",
         ),
         strict=True,
@@ -165,19 +169,26 @@ def test_what_takes_too_long_is_ended(root: Path) -> None:
     assert "not done after 0.05 s" in text_of(told)
 
 
+def schemas(*, allow_code: bool = False) -> dict[str, dict[str, Any]]:
+    """Schema of each tool."""
+    toolbox = Toolbox(Roots((Path("/").resolve(),)), 60.0, allow_code)
+    return {tool.name: tool.input_schema for tool in asyncio.run(server_of(toolbox).list_tools())}
+
+
 def test_every_command_is_a_tool_and_code_is_run_where_allowed_only() -> None:
-    tools = command_tools(allow_code=False)
-    assert set(tools) == set(commands()) - set(NOT_OFFERED)
-    assert "effects_file" not in tools["diagnose"].schema()["properties"]
-    assert "effects_file" in command_tools(allow_code=True)["diagnose"].schema()["properties"]
-    assert tools["report"].schema()["required"] == ["path", "out"]
-    for tool in tools.values():
-        assert all(one["description"] for one in tool.schema()["properties"].values())
+    tools = schemas()
+    assert set(tools) == {*commands(), FIGURE} - set(NOT_OFFERED)
+    assert "effects_file" not in tools["diagnose"]["properties"]
+    assert "effects_file" in schemas(allow_code=True)["diagnose"]["properties"]
+    assert tools["report"]["required"] == ["out", "path"]
+    for schema in tools.values():
+        assert schema["additionalProperties"] is False
+        assert all(one["description"] for one in schema["properties"].values())
 
 
 def test_the_guide_names_tools_and_options_that_exist() -> None:
     tools = command_tools(allow_code=False)
-    keys = {key_of(action) for tool in tools.values() for action in tool.arguments}
+    keys = {key for tool in tools.values() for key in tool.arguments}
     told = skill()
     for tool in ("diagnose", "check", "plan", "import", "compare", "repeat", "watch", "correct", "validate"):
         assert f"`{tool}`" in told or f"`{tool}" in told
@@ -198,5 +209,10 @@ def test_a_root_that_is_no_folder_and_a_name_with_a_null_are_refused(tmp_path: P
         Roots.of([tmp_path / "missing"])
     with pytest.raises(RootError, match="is no path"):
         Roots.of([tmp_path]).require("a\0b")
-    with pytest.raises(ToolError, match="takes one value"):
-        command_tools(allow_code=False)["diagnose"].words({"path": ["a", "b"]}, Roots.of([tmp_path]))
+
+
+def test_a_xacro_is_refused_with_the_command_that_expands_it(tmp_path: Path) -> None:
+    tools = command_tools(allow_code=True)
+    for name, key in (("convert", "source"), ("plan", "path"), ("import", "robot")):
+        with pytest.raises(CallError, match=r"`inspector convert arm.urdf.xacro arm.urdf` expands it"):
+            tools[name].words({key: "arm.urdf.xacro"}, Roots.of([tmp_path]))

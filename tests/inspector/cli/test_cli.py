@@ -22,7 +22,7 @@ from calib.dataset.files.robot_toml import load_robot_toml
 from calib.measurement.measured_points import failed_searches
 from calib.models.model_file import load_model
 from calib.plugins import load
-from inspector.cli.commands import commands
+from inspector.cli.commands import commands, declarations
 from inspector.cli.parser import main, parser_of
 from inspector.plugins import Command
 from inspector.session.measuring import open_session, with_search
@@ -726,8 +726,8 @@ def test_every_subcommand_has_the_function_that_it_names() -> None:
 def test_the_options_of_a_command_are_its_arguments(command: Command) -> None:
     (subparsers,) = (a for a in parser_of([command])._actions if isinstance(a, argparse._SubParsersAction))
     given = {action.dest for action in subparsers.choices[command.name]._actions} - {"help"}
-    fields = {field.name for field in dataclasses.fields(load(command.options))}
-    assert fields == given | ({"stdout"} if "json" in given else set())
+    fields = {field.name for declared in declarations(command) for field in dataclasses.fields(declared)}
+    assert fields == given | ({"stdout", "added"} if "json" in given else set())
 
 
 @pytest.mark.slow

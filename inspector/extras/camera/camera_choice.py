@@ -1,0 +1,26 @@
+"""What `import` takes of a camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from calib.dataset_import.camera_views import CameraChoice
+from calib.dataset_import.import_dataset import ImportChoice
+from inspector.cli.additions import ImportAddition
+from inspector.cli.options.robots import ImportOptions
+from inspector.extras.camera.options import CameraOptions
+
+
+class CameraAddition(ImportAddition[CameraOptions, ImportOptions]):
+    """Images, poses of a marker, and poses of the flange."""
+
+    def chosen(self, choice: ImportChoice) -> ImportChoice:
+        """What was chosen, with what the camera's options say."""
+        asked = self.asked
+        camera = CameraChoice(
+            asked.images, asked.board, asked.dictionary, asked.intrinsics, asked.marker_poses,
+            asked.length_unit, asked.mount, asked.flange_poses,
+            None if asked.board_sigma is None else 0.01 * asked.board_sigma,
+        )  # fmt: skip
+        camera.require_consistent()
+        return replace(choice, camera=camera)

@@ -1,0 +1,62 @@
+"""A robot program that is corrected in place of joint targets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+from calib.compensation.program_correction import corrected_program, require_no_conditions
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.atomic_write import write_bytes_atomically
+from calib.errors import CalibError
+from calib.models.fitted_model import FittedModel
+from calib.present.moves.program_correction import program_correction_blocks, program_correction_document
+from calib.rendering.text import block_text
+from calib.robot_formats.program_targets import Frames, Program, frames_given, load_program, require_frames
+from calib.robot_formats.programs import require_joints
+from inspector.cli.additions import CorrectAddition
+from inspector.cli.dataset_commands import show
+from inspector.cli.options.fits import CorrectOptions
+from inspector.extras.robot_programs.options import CorrectProgramOptions
+
+
+class CorrectedProgram(CorrectAddition[CorrectProgramOptions, CorrectOptions]):
+    """The program of `correct --program`."""
+
+    def begin(self) -> None:
+        """Refuse frames and further files without a program."""
+        for option, given in (*self._frames(), ("--with", self.asked.others)):
+            if given and self.asked.program is None:
+                raise CalibError(f"{option} goes with --program; joint targets have no frames")
+
+    def inputs(self) -> Iterable[Path | None]:
+        """The program and its further files."""
+        return [self.asked.program, *self.asked.others]
+
+    def corrected(self, dataset: Dataset) -> Callable[[FittedModel], int] | None:
+        """Writer of the program, once its robot, frames and output are seen to fit."""
+        path, out = self.asked.program, self.command.out
+        assert path is not None  # see `begin`
+        program = load_program(path, self.asked.others)
+        require_joints(path, program.language, dataset.robot.is_revolute.tolist())
+        if out.suffix.lower() != path.suffix.lower():
+            raise CalibError(f"--out {out}: a corrected program has the suffix of its own, {path.suffix}")
+        require_frames(program, *self._given(program))
+        return partial(self._write, dataset, program)
+
+    def _frames(self) -> tuple[tuple[str, Sequence[str]], tuple[str, Sequence[str]]]:
+        return ("--tool-frame", self.asked.tool_frame), ("--work-frame", self.asked.work_frame)
+
+    def _given(self, program: Program) -> tuple[Frames, Frames]:
+        tools, works = (frames_given(program.language, option, texts) for option, texts in self._frames())
+        return tools, works
+
+    def _write(self, dataset: Dataset, program: Program, model: FittedModel) -> int:
+        require_no_conditions(program, model.needs, model.model.family_names)
+        tool, work = self._given(program)
+        trained = dataset.poses.q
+        result = corrected_program(program, dataset.robot, model, trained, kind=self.command.what, tool=tool, work=work)
+        write_bytes_atomically(self.command.out, result.content)
+        show(self.command, program_correction_document(result), block_text(*program_correction_blocks(result)))
+        return 0 if result.reached else 1

@@ -1,0 +1,103 @@
+"""Options that robot programs add to `plan` and `correct`. Nothing slow is imported."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from inspector.cli.options import values
+from inspector.cli.options.declaration import option, several
+
+_LONGEST_WAIT_S = 3600.0  # that an arm stands at a pose
+
+
+def parsed_trigger(text: str) -> tuple[str, ...]:
+    """Trigger of a measurement: "output:1" as its kind and signal, "socket:10.0.0.5:5000" as kind, host and port."""
+    kind, _, rest = text.partition(":")
+    if kind == "output" and rest.strip():
+        return kind, rest.strip()
+    host, _, number = rest.rpartition(":")
+    if kind == "socket" and host and number.isdecimal() and 0 < int(number) < 65536:
+        return kind, host, number
+    raise argparse.ArgumentTypeError(f"{text!r} is no trigger; output:1, output:doMeasure or socket:10.0.0.5:5000")
+
+
+def parsed_signal(text: str) -> tuple[str, ...]:
+    """Signal that a pose is measured: "input:2" as its kind and signal, or "reply"."""
+    kind, _, rest = text.partition(":")
+    if kind == "input" and rest.strip():
+        return kind, rest.strip()
+    if text == "reply":
+        return (text,)
+    raise argparse.ArgumentTypeError(f"{text!r} is no signal to wait for; input:2, input:diDone or reply")
+
+
+parsed_speed = values.number_above_0("a speed; a number above 0, in the unit of the language")
+parsed_wait_s = values.number_that(
+    lambda s: 0.0 <= s <= _LONGEST_WAIT_S, f"a time to stand; seconds, 0 to {_LONGEST_WAIT_S:g}"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanProgramOptions:
+    """The program that measures the poses: its file, template, speed, waits and signals."""
+
+    program: Path | None = option(
+        "write the program that moves to each pose, settles, triggers, waits and records the joints: .script "
+        "(URScript), .src (KRL, and its .dat), .mod (RAPID)",
+        metavar="FILE",
+    )
+    template: Path | None = option("of --program: your own template (Jinja2), for any language", metavar="FILE")
+    template_out: Path | None = option("write the template of --program's language, to be edited", metavar="FILE")
+    speed: float | None = option(
+        "of --program: URScript deg/s of the leading joint (default 15), KRL %% of each axis's top speed (10), "
+        "RAPID mm/s of the tool (100)",
+        metavar="X",
+        parse=parsed_speed,
+    )
+    settle_s: float | None = option("at rest before the trigger (default 1)", metavar="X", parse=parsed_wait_s)
+    trigger: tuple[str, ...] | None = option(  # output and its signal, or socket, host and port
+        "output:NUMBER (RAPID: output:NAME), a pulse, or socket:HOST:PORT, a line with the pose's name; default none",
+        metavar="SIGNAL",
+        parse=parsed_trigger,
+    )
+    pulse_s: float | None = option("length of the pulse (default 0.2)", metavar="X", parse=values.seconds)
+    measured: tuple[str, ...] | None = option(  # input and its signal, or reply
+        "wait for input:NUMBER (RAPID: input:NAME), or reply (a line on the socket), however long it takes",
+        metavar="SIGNAL",
+        parse=parsed_signal,
+    )
+    stand_s: float | None = option(
+        "without --measured: at rest after the trigger (default 3)", metavar="X", parse=parsed_wait_s
+    )
+    tool_name: str | None = option("tool whose load counts: number (KRL), name (RAPID, default tool0)", metavar="NAME")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrectProgramOptions:
+    """A robot program in place of joint targets."""
+
+    program: Path | None = option(
+        "a robot program to correct: .script (URScript), .src or .dat (KRL), .mod, .sys or .prg (RAPID)",
+        metavar="FILE",
+        group="targets",
+        required=True,
+    )
+    others: Sequence[Path] = several(
+        "of --program: another file of the controller, which defines tools and bases or moves to the targets "
+        "($config.dat, a module); give it several times for several",
+        metavar="FILE",
+        spelled=["--with"],
+    )
+    tool_frame: Sequence[str] = several(
+        "tool frame on the flange, where the program does not define it (several by their names): "
+        "x,y,z,rx,ry,rz (URScript, m and rad), X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
+        metavar="[NAME=]NUMBERS",
+    )
+    work_frame: Sequence[str] = several(
+        "work frame in the robot's base, where the program does not define it (several by their names): "
+        "x,y,z,rx,ry,rz (URScript, m and rad), X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
+        metavar="[NAME=]NUMBERS",
+    )
