@@ -22,10 +22,10 @@ from calib import calibrate, frames
 from calib.array_types import Array
 from calib.calibration.mount import camera_places
 from calib.calibration.result import Calibration
-from calib.camera.board import board_of
 from calib.dataset.dataset import Dataset
+from calib.extras.camera.board import board_of
 from calib.fitting.observations import conditions_at
-from tests.support.camera_dataset import simulated_dataset
+from tests.extras.camera.camera_dataset import simulated_dataset
 from tests.support.camera_scene import Scene, flange, nominal_table
 
 BOARD = board_of("charuco:8x6:30:22")

@@ -43,6 +43,16 @@ class Presentations:
 
 
 @dataclass(frozen=True)
+class CalibrationPart:
+    """What a plug-in tells of a fit of points, each a function of the Calibration as "module:name"."""
+
+    title: str  # of the section that has its figures
+    facts: str  # list of names and values, behind those on where the instrument is
+    figures: str  # list of FigurePlaces
+    document: str  # further keys of the document that `calibrate --json` prints
+
+
+@dataclass(frozen=True)
 class _Plugins:
     contributions: tuple[object, ...]  # in the order of the plug-ins' names
     left_out: tuple[str, ...]  # a line each

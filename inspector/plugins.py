@@ -75,6 +75,13 @@ class Figures:
 
 
 @dataclass(frozen=True)
+class PoseView:
+    """What the tab of scans and points shows of datasets that an instrument of a plug-in measured."""
+
+    of_view: str  # place of a function from a View to an `inspector.panels.measure.scans.ShownPose`, None for others
+
+
+@dataclass(frozen=True)
 class Download:
     """A file of the tab Take away."""
 

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.calibration.arm_or_camera import arm_or_camera
+from calib.calibration.doubts import LinkDoubt
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, combination, identifiable_combinations
 from calib.kinematics.robot import LENGTH_KINDS
+from calib.plugins import contributions, load
 
 USUAL_MM = 0.5
 """RMS deviation of a link's length from its table, over nine recordings of six real arms with a tracker or a socket."""
@@ -50,11 +51,10 @@ def doubtful_entries(calibration: Calibration) -> tuple[DoubtfulEntry, ...]:
     """Lengths and twists of the robot's table that stand out as far from what a fit found, the furthest first.
 
     An entry counts if its deviation is known to five sigma, is eight times what links usually have, six times the
-    median of the arm's other entries, and, for lengths, five times the residual sigma. None counts where a camera's
-    lens or board is wrong, which links take up.
+    median of the arm's other entries, and, for lengths, five times the residual sigma. None counts where the
+    links have taken up something else.
     """
-    asked = arm_or_camera(calibration)
-    if asked is not None and (asked.board_is_off or asked.camera_alone_errs):
+    if taken_up_by_links(calibration):
         return ()
     known = _known_entries(calibration)
     out: list[DoubtfulEntry] = []
@@ -69,6 +69,11 @@ def doubtful_entries(calibration: Calibration) -> tuple[DoubtfulEntry, ...]:
                 of_tool = any(name.endswith("TCP") for name in one.coefficients)
                 out.append(DoubtfulEntry(one.description, off, one.sigma, usual, unit, of_tool))
     return tuple(sorted(out, key=lambda entry: -entry.times))
+
+
+def taken_up_by_links(calibration: Calibration) -> list[str]:
+    """Sentences on what else errs than the links, which have taken it up, without capital; [] where nothing shows."""
+    return [sentence for doubt in contributions(LinkDoubt) for sentence in load(doubt.sentences)(calibration)]
 
 
 def _known_entries(calibration: Calibration) -> list[Combination]:

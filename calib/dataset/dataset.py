@@ -6,7 +6,7 @@ Celsius.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
@@ -19,12 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
-from calib.camera.observed import CameraViews
+from calib.dataset.attachments import AttachedValue, Attachment
 from calib.dataset.further_columns import FurtherColumns
 from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot, Vector
 from calib.noise_shape import NoiseShape
+from calib.plugins import contributions
 from calib.presented import Presented
 from calib.target_shapes import DeclaredTarget
 
@@ -56,9 +57,13 @@ PoseCondition = Literal["approach", "payload_kg", "temperature_c"]
 """Conditions of a pose, besides its joints, that whoever measures may choose: columns of poses.csv."""
 
 
-def usual_residual(*, by_camera: bool, sigmas_estimated: bool) -> str:
-    """Kind of residual that is fitted unless another is asked for: full poses of a board or marker of a camera."""
-    return "pose" if by_camera or sigmas_estimated else "position"
+def usual_residual(attached: Collection[str], *, by_camera: bool, sigmas_estimated: bool) -> str:
+    """Kind of residual that is fitted unless another is asked for: full poses of a marker that a camera saw.
+
+    attached: names of the attached values, whose kinds may want another.
+    """
+    wanted = (kind.usual_residual for kind in contributions(Attachment) if kind.name in attached)
+    return next(filter(None, wanted), "pose" if by_camera or sigmas_estimated else "position")
 
 
 @dataclass(frozen=True)
@@ -362,7 +367,7 @@ class Dataset(Presented):
     targets: tuple[DeclaredTarget, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
     signal_noise: SignalNoise = field(default_factory=SignalNoise)
     finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
-    camera: CameraViews | None = None  # where points are of a board that a camera sees, the corners in its images
+    attachments: Mapping[str, AttachedValue] = field(default_factory=dict)  # of plug-ins, by their names
     read_files: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Hash of each file, scans apart, as it was read, by path below the folder: a file may change under a fit."""
 
@@ -380,17 +385,16 @@ class Dataset(Presented):
             return None
         return self.folder / self.scan_folder / self.poses.scan_names[pose]
 
-    def image_path(self, pose: int) -> Path | None:
-        """Path of the image of a board that a camera took at a pose; None where the dataset keeps none."""
-        if self.folder is None or self.camera is None:
-            return None
-        return self.camera.image_of(self.poses.ids[pose], self.folder)
+    @property
+    def kinds_of_attachments(self) -> tuple[Attachment, ...]:
+        """What is known of the attached values' kinds."""
+        return tuple(kind for kind in contributions(Attachment) if kind.name in self.attachments)
 
     @property
     def usual_residual(self) -> str:
         """Kind of residual that is fitted unless another is asked for."""
         return usual_residual(
-            by_camera=self.camera is not None or self.scanner.is_camera, sigmas_estimated=self.scanner.sigmas_estimated
+            self.attachments, by_camera=self.scanner.is_camera, sigmas_estimated=self.scanner.sigmas_estimated
         )
 
     @property

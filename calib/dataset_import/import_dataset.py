@@ -8,12 +8,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Protocol
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
-from calib.dataset_import.camera_views import CameraChoice, camera_points, ids_of
-from calib.dataset_import.cartesian_poses import joints_table, table_of_arm
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.user_files import BOTH, POINTS, UserFiles, is_workbook, look_through, of_workbook
@@ -23,6 +22,17 @@ from calib.kinematics.robot import Robot, Vector
 from calib.progress import OnProgress
 from calib.robot_formats.conventions import RobotReading, robot_readings
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
+
+
+class MeasuredChoice(Protocol):
+    """What the user gives a plug-in to measure in place of points and scans."""
+
+    @property
+    def unit(self) -> str:
+        """Noun of the files that are measured one after the other, such as "image"; "" where nothing takes long."""
+
+    def sources(self, sources: ImportSources, on_progress: OnProgress | None) -> ImportSources:
+        """The sources with what was measured. Raises CalibError."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +48,13 @@ class ImportChoice:
     place_sigma_mm: float | None = None  # of each known place that was visited
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
     skip_bad_rows: bool = False
-    camera: CameraChoice = field(default_factory=CameraChoice)
+    measured: MeasuredChoice | None = None  # what a plug-in is to measure
 
 
 def plan_of_files(files: UserFiles, choice: ImportChoice, on_progress: OnProgress | None = None) -> ImportPlan:
     """Plan of an import of the chosen files, with all faults of the files in `faults`.
 
-    `on_progress` is called with (done, total, file name) after each image of a board.
+    `on_progress` is called with (done, total, file name) after each file that a plug-in has measured in.
     """
     joints = choice.joints or files.joints
     points = choice.points
@@ -61,28 +71,11 @@ def plan_of_files(files: UserFiles, choice: ImportChoice, on_progress: OnProgres
         point_sigma_mm=choice.point_sigma_mm, place_sigma_mm=choice.place_sigma_mm,
         tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
     )  # fmt: skip
-    return plan_import(_with_camera(sources, choice.camera, on_progress) if choice.camera.is_given else sources)
-
-
-def _with_camera(sources: ImportSources, choice: CameraChoice, on_progress: OnProgress | None) -> ImportSources:
-    """Sources with the board poses that a camera saw. Raises CalibError.
-
-    Where poses of the flange are given in place of joint values, an arm that stands for them comes with them.
-    """
-    if sources.faults:
-        raise CalibError(sources.faults[0])
-    robot = sources.robots[0].robot.robot if sources.robots else None
-    arm = table_of_arm(choice, sources.joints, robot, sources.mapping)
-    ids = ids_of(arm.table, sources.mapping, None if arm.readings else robot)
-    camera = camera_points(choice, arm.table, ids, on_progress)
-    sources = replace(sources, points=None, camera=camera)
-    if not arm.readings:
-        return sources
-    stands_for, joints, notes, doubts = joints_table(arm, camera, ids, robot)
-    return replace(
-        sources, robots=(RobotReading("", RobotFile(stands_for, None)),), joints=arm.table.path,
-        tables={arm.table.path: joints}, notes=(*sources.notes, *notes), doubts=(*sources.doubts, *doubts),
-    )  # fmt: skip
+    if choice.measured is not None:
+        if sources.faults:
+            raise CalibError(sources.faults[0])
+        sources = choice.measured.sources(sources, on_progress)
+    return plan_import(sources)
 
 
 def _robots(files: UserFiles, choice: ImportChoice) -> tuple[tuple[RobotReading, ...], tuple[str, ...]]:

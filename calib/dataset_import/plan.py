@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.camera.flange_poses import has_flange_poses
 from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
@@ -20,10 +19,11 @@ from calib.dataset_import.bad_rows import (
     too_many_bad_rows,
     without_remarks,
 )
-from calib.dataset_import.camera_views import CameraPoints, settled_camera
 from calib.dataset_import.columns import Column, Meaning, Recognised, are_names, length_column
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
+from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
+from calib.dataset_import.measured import MeasuredPoses
 from calib.dataset_import.reading import (
     ImportReport,
     joint_values,
@@ -76,7 +76,7 @@ class ImportSources:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     joint_unit_is_unknown: bool = False  # whatever their size: they may be no angles at all
-    camera: CameraPoints | None = None  # poses of a board, in place of points and scans
+    measured: MeasuredPoses | None = None  # by a plug-in, in place of points and scans
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def plan_import(sources: ImportSources) -> ImportPlan:
             report.fault(str(error))
             return _plan(report, sources, {}, None)
     report = _new_report(sources)
-    report.notes += [*_tool_note(sources), *_camera_notes(sources)]
+    report.notes += [*_tool_note(sources), *_measured_notes(sources)]
     plan = _plan_of_rows(report, sources, NOTHING_LEFT_OUT)
     bad = report.row_faults
     if not bad:
@@ -153,7 +153,7 @@ def plan_import(sources: ImportSources) -> ImportPlan:
         return replace(plan, faults=faults, bad_rows=tuple(bad), has_too_many_bad_rows=bool(too_many))
     left_out = left_out_rows(tables, bad, _pose_columns(sources, tables))
     report = _new_report(sources)
-    report.notes += [*left_out.notes, *_tool_note(sources), *_camera_notes(sources)]
+    report.notes += [*left_out.notes, *_tool_note(sources), *_measured_notes(sources)]
     plan = _plan_of_rows(report, sources, left_out)
     return replace(plan, bad_rows=tuple(bad), are_left_out=True)
 
@@ -181,9 +181,9 @@ def _tool_note(sources: ImportSources) -> list[str]:
     return [f"{sources.robots[0].robot.robot.name}: the measured point is at {x:g}, {y:g}, {z:g} mm in {end}, as given"]
 
 
-def _camera_notes(sources: ImportSources) -> tuple[str, ...]:
-    """Notes on what images or marker poses show."""
-    return () if sources.camera is None else sources.camera.notes
+def _measured_notes(sources: ImportSources) -> tuple[str, ...]:
+    """Notes on what a plug-in has measured."""
+    return () if sources.measured is None else sources.measured.notes
 
 
 def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
@@ -224,7 +224,7 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
         )
     if table is None:
         return _plan(report, sources, {}, None)
-    wants_points = same and not sources.scans and sources.camera is None
+    wants_points = same and not sources.scans and sources.measured is None
     meant = recognised(report, table, sources.mapping, positions=wants_points)
     columns = {table.path: (table, meant)}
     of_points = meant
@@ -325,8 +325,8 @@ def _with_numbers(
 ) -> ImportPlan:
     """Plan of an import from tables with recognised columns: their numbers, units, and the pose of each point."""
     q_file = joint_values(report, table, meant)
-    by_camera = sources.camera is not None
-    seen = None if by_camera else point_values(report, other or table, of_points, needed=not sources.scans)
+    by_plugin = sources.measured
+    seen = None if by_plugin is not None else point_values(report, other or table, of_points, needed=not sources.scans)
     ids = pose_ids(report, table, meant)
     row_of = rows_of_points(report, table, ids, other, of_points)
     if q_file is None or report.robot is None or not np.isfinite(q_file).any():
@@ -385,23 +385,22 @@ def _with_numbers(
     if length_column(of_points) is not None:
         measured = np.isin(np.arange(len(ids)), row_of)
     _compare_with_controller(report, table, q)
-    camera = sources.camera
-    if camera is not None and not report.faults:
+    if by_plugin is not None and not report.faults:
         try:
-            camera = settled_camera(camera, report.robot, ids, q)
-            report.notes += camera.notes[len(_camera_notes(sources)) :]
+            by_plugin = by_plugin.settled(report.robot, ids, q)
+            report.notes += by_plugin.notes[len(_measured_notes(sources)) :]
         except CalibError as error:
             report.fault(str(error))
             return _plan(report, sources, columns, None, len(table), robot_file)
-    if camera is not None:
-        measured = np.isin(ids, camera.names)
+    if by_plugin is not None:
+        measured = np.isin(ids, by_plugin.names)
     poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
     of_lengths = None
     if length_column(of_points) is not None:
         of_lengths = lengths_text(report, other or table, of_points, [(i, ids[row]) for i, row in enumerate(row_of)])
     if report.faults:
         return _plan(report, sources, columns, None, len(table), robot_file)
-    points_csv = of_lengths if camera is None else camera.points_text(ids)
+    points_csv = of_lengths if by_plugin is None else by_plugin.points_text(ids)
     if seen is not None:
         points_csv = points_text(other or table, of_points, [ids[i] for i in row_of], seen)
     if points_csv is None and sources.point_sigma_mm is not None:
@@ -411,7 +410,7 @@ def _with_numbers(
     content = Content(
         report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path,
         point_sigma_mm=None if points_csv is None else sources.point_sigma_mm,
-        place_sigma_mm=None if points_csv is None else sources.place_sigma_mm, notes=left_out.notes, camera=camera,
+        place_sigma_mm=None if points_csv is None else sources.place_sigma_mm, notes=left_out.notes, measured=by_plugin,
         meshes=meshes,
     )  # fmt: skip
     try:

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.camera.flange_poses import has_flange_poses
 from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import (
     AS_MAPPED,
@@ -22,6 +21,7 @@ from calib.dataset_import.columns import (
     point_groups,
     recognise,
 )
+from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot

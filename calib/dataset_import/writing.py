@@ -14,12 +14,11 @@ import tomli_w
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import ROLES, Dataset
-from calib.dataset.files.camera_views import VIEWS_FILE, camera_document, views_text
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
-from calib.dataset_import.camera_views import CameraPoints
 from calib.dataset_import.columns import Recognised, is_beside_point, length_column
+from calib.dataset_import.measured import MeasuredPoses
 from calib.dataset_import.reading import ImportReport
 from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import CalibError, DatasetError
@@ -153,7 +152,7 @@ class Content:
     point_sigma_mm: float | None = None
     place_sigma_mm: float | None = None
     notes: tuple[str, ...] = ()
-    camera: CameraPoints | None = None
+    measured: MeasuredPoses | None = None  # by a plug-in
     meshes: tuple[bytes | None, ...] = ()  # (n,) STL of what each joint moves, mm, in its frame
 
 
@@ -199,17 +198,9 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
     sigmas = {"point_sigma_mm": content.point_sigma_mm, "place_sigma_mm": content.place_sigma_mm}
     if declared := {key: value for key, value in sigmas.items() if value is not None}:
         document["scanner"] = declared
-    if content.camera is not None:
-        document["scanner"] = _instrument(content.camera, document.get("scanner", {}))
-        if content.camera.views is not None:
-            views = content.camera.views
-            if content.camera.images and with_scans:
-                views = replace(views, images="images")
-                (folder / "images").mkdir()
-                for pose_id, path in content.camera.images.items():
-                    shutil.copyfile(path, folder / "images" / f"{pose_id}{path.suffix.lower()}")
-            document["camera"] = camera_document(views)
-            (folder / VIEWS_FILE).write_text(views_text(content.camera.views), encoding="utf-8")
+    if content.measured is not None:
+        document["scanner"] = content.measured.scanner_table(document.get("scanner", {}))
+        document |= content.measured.write(folder, with_files=with_scans)
     if content.scans:
         document |= {"scans": "scans", "jig": {}}
         (folder / "scans").mkdir()
@@ -235,18 +226,3 @@ def _with_meshes(folder: Path, robot: Robot, meshes: Sequence[bytes | None]) -> 
             joints[k] = replace(joints[k], mesh=f"{MESH_FOLDER}/joint{k + 1}.stl")
             (folder / MESH_FOLDER / f"joint{k + 1}.stl").write_bytes(content)
     return replace(robot, joints=tuple(joints))
-
-
-def _instrument(camera: CameraPoints, declared: dict[str, Any]) -> dict[str, Any]:
-    """[scanner] of a camera: its mount, and the noise of its poses where they have no covariances of their own."""
-    sigmas = {
-        "point_sigma_mm": declared.get("point_sigma_mm", camera.point_sigma_mm),
-        "orientation_sigma_deg": camera.orientation_sigma_deg,
-    }
-    estimated = {"sigmas": "estimated"} if sigmas["point_sigma_mm"] and "point_sigma_mm" not in declared else {}
-    return (
-        {"mount": camera.mount or "room"}
-        | ({"kind": "camera"} if camera.views is None and not camera.is_ball else {})
-        | estimated
-        | {key: value for key, value in sigmas.items() if value is not None}
-    )

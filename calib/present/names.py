@@ -95,6 +95,5 @@ def input_name(name: str) -> Span:
 
 def instrument(dataset: Dataset) -> str:
     """Noun for the measuring device: "scanner", "camera", or "instrument" where neither faces nor a board were seen."""
-    if dataset.camera is not None:
-        return "camera"
-    return "scanner" if dataset.shows_faces else "instrument"
+    named = next((kind.instrument for kind in dataset.kinds_of_attachments if kind.instrument), "")
+    return named or ("scanner" if dataset.shows_faces else "instrument")

@@ -17,7 +17,7 @@ from calib.kinematics.hand_eye import solve_hand_eye, with_world_targets
 from calib.kinematics.joint_range import joint_range
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import ending_at_tool_point
-from calib.workcell.board_in_image import board_in_image
+from calib.plugins import contributions, load
 from calib.workcell.bodies.arm_bodies import FIXED, ArmBodies, arm_bodies
 from calib.workcell.bodies.link_mesh import load_link_mesh
 from calib.workcell.jig_on_tool import target_T_jig, with_jig
@@ -35,6 +35,7 @@ from calib.workcell.measurable import (
 from calib.workcell.scan_field import JANG_FIELD, MAX_INCIDENCE_DEG, BoxField, ScanField, evident_field
 from calib.workcell.scanner_place import fitted_scanner_place, likely_scanner_place
 from calib.workcell.view_of_target import seen_target
+from calib.workcell.view_rules import ViewRule
 from calib.workcell.workcell import Workcell
 
 CUBE_CORNER = Jig()
@@ -160,18 +161,15 @@ def workcell_of_dataset(
         least_manipulability=surroundings.least_manipulability,
         notes=tuple(notes),
     )
-    cell = _with_board(cell, dataset, names[0] if setup is None else setup)
+    cell = _with_view(cell, dataset, names[0] if setup is None else setup)
     return _among_surroundings(cell, surroundings, measured.q)
 
 
-def _with_board(cell: Workcell, dataset: Dataset, setup: str) -> Workcell:
-    """Cell in which a camera has to see its whole board, where its images show that it did."""
-    board = board_in_image(dataset, setup)
-    if board is None:
-        return cell
-    tilt_deg = np.degrees(np.arccos(board.least_cosine))
-    note = f"camera: its image has to show the whole board, tilted by {tilt_deg:.0f}° at most, as it was measured"
-    return replace(cell, board=board, notes=(*cell.notes, f"{note} and a little more"))
+def _with_view(cell: Workcell, dataset: Dataset, setup: str) -> Workcell:
+    """Cell in which an instrument of a plug-in has to see what it saw, where one measured the dataset."""
+    found = (load(rule.of_dataset)(dataset, setup) for rule in contributions(ViewRule))
+    in_view = next((each for each in found if each is not None), None)
+    return cell if in_view is None else replace(cell, in_view=in_view, notes=(*cell.notes, in_view.note))
 
 
 def _among_surroundings(cell: Workcell, surroundings: Surroundings, measured_q: Array) -> Workcell:
@@ -234,7 +232,7 @@ def _cell_of_carried_scanner(dataset: Dataset, flange_T_scanner: ArrayLike | Non
         flange_T_scanner=flange_T_scanner,
         room_target=target,
     )
-    cell = _with_board(cell, dataset, setup)
+    cell = _with_view(cell, dataset, setup)
     return _among_surroundings(cell, surroundings, q)
 
 

@@ -112,11 +112,11 @@ def _beyond_limit(at: _ArmPoses) -> BoolArray:
 
 
 def _outside_field(at: _ArmPoses) -> BoolArray | None:
-    """Mask (N,): whether apex or board is outside the scanner's field; None where the field is not known."""
+    """Mask (N,): whether what is to be seen is outside the scanner's field; None where the field is not known."""
     outside = _target_outside_field(at)
-    if at.cell.board is None:
+    if at.cell.in_view is None:
         return outside
-    cut = ~at.cell.board.shows_all(at.chain.base_T_flange)
+    cut = ~at.cell.in_view.shows_all(at.chain.base_T_flange)
     return cut if outside is None else cut | outside
 
 
@@ -135,8 +135,8 @@ def _target_outside_field(at: _ArmPoses) -> BoolArray | None:
 
 def _too_steep(at: _ArmPoses) -> BoolArray | None:
     """Mask (N,): a face is seen at too large an incidence; None where the scanner's place or the jig is not known."""
-    if at.cell.board is not None:
-        return np.asarray(at.cell.board.cosines(at.chain.base_T_flange) < at.cell.board.least_cosine)
+    if at.cell.in_view is not None:
+        return at.cell.in_view.too_steep(at.chain.base_T_flange)
     if at.cell.room_target is not None and at.eye_mm is not None:
         return ~at.cell.room_target.sees(at.eye_mm)
     if at.eye_mm is None or at.cell.jig is None or at.cell.field is None:

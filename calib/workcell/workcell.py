@@ -6,18 +6,32 @@ Either the scanner stands in the room and the arm carries the jig, or the arm ca
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Box
 from calib.jig import Jig
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot
-from calib.workcell.board_in_image import BoardInImage
 from calib.workcell.bodies.arm_bodies import ArmBodies
 from calib.workcell.scan_field import BoxField, ScanField
 from calib.workcell.view_of_target import RoomTarget
+
+
+class InView(Protocol):
+    """What an instrument of a plug-in has to see at a pose."""
+
+    @property
+    def note(self) -> str:
+        """Sentence on what is asked for."""
+
+    def shows_all(self, base_T_flange: Array) -> BoolArray:
+        """(N,) whether all of it is seen, by poses of the flange."""
+
+    def too_steep(self, base_T_flange: Array) -> BoolArray:
+        """(N,) whether it is seen at too large an incidence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +52,7 @@ class Workcell:
     notes: tuple[str, ...] = ()  # what was assumed or measured, a sentence each
     flange_T_scanner: Array | None = None  # (4, 4) where the arm carries the scanner
     room_target: RoomTarget | None = None  # what a carried scanner looks at
-    board: BoardInImage | None = None  # what a camera looks at
+    in_view: InView | None = None  # what an instrument of a plug-in has to see
 
     def scanner_at(self, chain: Chain) -> Array | None:
         """base_T_scanner (N, 4, 4) at N poses of the arm; None where it is not known."""

@@ -24,7 +24,6 @@ _RESULTS = (
     "plan_curve",
     "ranking",
     "redundancy_heatmap",
-    "reprojection",
     "residuals_over",
     "where_measured",
     "work_space",

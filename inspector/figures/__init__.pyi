@@ -10,7 +10,6 @@ from inspector.figures.results.of_results import moved_by_change as moved_by_cha
 from inspector.figures.results.of_results import plan_curve as plan_curve
 from inspector.figures.results.of_results import ranking as ranking
 from inspector.figures.results.of_results import redundancy_heatmap as redundancy_heatmap
-from inspector.figures.results.of_results import reprojection as reprojection
 from inspector.figures.results.of_results import residuals_over as residuals_over
 from inspector.figures.results.of_results import where_measured as where_measured
 from inspector.figures.results.of_results import work_space as work_space
@@ -27,7 +26,6 @@ __all__ = [
     "plan_curve",
     "ranking",
     "redundancy_heatmap",
-    "reprojection",
     "residuals_over",
     "to_svg",
     "where_measured",

@@ -74,7 +74,8 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
 
 def on_flange(dataset: Dataset) -> str:
     """Sentences on what is drawn where the arm carries the instrument."""
-    what = "the board" if dataset.camera is not None else "a jig" if dataset.shows_faces else "a target"
+    named = next((kind.target for kind in dataset.kinds_of_attachments if kind.target), "")
+    what = named or ("a jig" if dataset.shows_faces else "a target")
     scans = SCANS_IN_ROOM if dataset.scan_folder is not None else ""
     return (
         f"The arm carries the {instrument(dataset)}, and all is drawn as that sees it: each point is {what} in the "

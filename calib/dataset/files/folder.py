@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from calib.dataset.attachments import AttachedValue, Attachment
 from calib.dataset.dataset import About, Dataset, Points, Poses, usual_residual
 from calib.dataset.files.atomic_write import write_text_atomically
-from calib.dataset.files.camera_views import VIEWS_FILE, camera_document, load_camera, views_text
 from calib.dataset.files.cell_tables import (
     jig_document,
     load_jig,
@@ -40,6 +40,7 @@ from calib.dataset.measured_torques import with_measured_loads
 from calib.errors import DatasetError, is_one_line
 from calib.jig import Jig
 from calib.kinematics.robot import Robot, Vector
+from calib.plugins import contributions, load
 from calib.scans.scan import scan_file
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.toml_table import TomlTable
@@ -108,11 +109,11 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
     if not is_one_line(name):
         raise top.error("name", f"found {name!r}", "a name is one line without control characters")
     description = top.text("description", "", lines=True) or ""
-    robot_path = _inside(folder, top.text("robot", "robot.toml") or "", top, "robot")
+    robot_path = inside(folder, top.text("robot", "robot.toml") or "", top, "robot")
     scanner_table = top.table("scanner")
     robot = replace(load_robot_toml(robot_path), carries_scanner=load_mount(scanner_table))
     refuse_beyond(robot, robot_path)
-    poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
+    poses_path = inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
     units = load_units(top.table("units"))
     poses, warnings = load_poses(poses_path, robot, units, growing=poses_path.name in (growing or ()))
     points_name, scan_folder = top.text("points"), top.text("scans")
@@ -123,17 +124,17 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
     unseen: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     if points_name is not None and growing is not None:
-        points_path = _inside(folder, points_name, top, "points")
+        points_path = inside(folder, points_name, top, "points")
         arrived = load_arrived_points(points_path, robot, poses, units, growing=points_path.name in growing)
         points, unseen, unknown = arrived.points, arrived.unseen, arrived.unknown
     elif points_name is not None:
-        points_path = _inside(folder, points_name, top, "points")
+        points_path = inside(folder, points_name, top, "points")
         points, point_warnings = load_points(points_path, robot, poses, units)
         warnings += point_warnings
         points = _with_anchors(points, top, robot, poses)
         notes = unmeasured_note(points_path, poses, points)
     if scan_folder is not None:
-        scans = _inside(folder, scan_folder, top, "scans")
+        scans = inside(folder, scan_folder, top, "scans")
         if growing is None and not scans.is_dir():
             missing = top.error("scans", f"found {scan_folder!r}, no such folder", "name the folder of the scans")
             if points is None:
@@ -148,10 +149,7 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
     surroundings = load_surroundings(top.table("cell"))
     scanner = load_scanner(scanner_table)
     signal_noise = load_signal_noise(top.table("signals"))
-    camera_table = top.table("camera")
-    camera = load_camera(camera_table, folder / VIEWS_FILE, poses)
-    if camera is not None and camera.images is not None:
-        _inside(folder, camera.images, camera_table, "images")
+    attachments = _attachments(top, folder, poses)
     if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.shortest_mm / 10.0:
         raise scanner_table.error(
             "scan_sigma_mm",
@@ -176,7 +174,7 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
         surroundings=surroundings,
         targets=targets,
         signal_noise=signal_noise,
-        camera=camera,
+        attachments=attachments,
         read_files=table_hashes(folder, so_far=growing is not None),
     )
     dataset = with_link_encoders(with_measured_loads(dataset))
@@ -203,8 +201,8 @@ def usual_residual_of(folder: Path) -> str:
         return "position"
     scanner = top.get("scanner")
     scanner = scanner if isinstance(scanner, dict) else {}
-    by_camera = "camera" in top or scanner.get("kind") == "camera"
-    return usual_residual(by_camera=by_camera, sigmas_estimated=scanner.get("sigmas") == "estimated")
+    by_camera, estimated = scanner.get("kind") == "camera", scanner.get("sigmas") == "estimated"
+    return usual_residual(top, by_camera=by_camera, sigmas_estimated=estimated)
 
 
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
@@ -216,8 +214,7 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
     return (
         dataset.folder / "dataset.toml",
         *(dataset.folder / name for name in names if name),
-        *([dataset.folder / VIEWS_FILE] if dataset.camera is not None else []),
-        *_images(dataset),
+        *_attached_files(dataset),
         *_meshes(dataset),
         *_scans(dataset),
     )
@@ -229,9 +226,18 @@ def _scans(dataset: Dataset) -> list[Path]:
     return list(dict.fromkeys(scan_file(path) for path in paths if path is not None))
 
 
-def _images(dataset: Dataset) -> list[Path]:
-    """Images of a board that the dataset's folder keeps."""
-    return [path for path in map(dataset.image_path, range(len(dataset.poses))) if path is not None]
+def _attachments(top: TomlTable, folder: Path, poses: Poses) -> dict[str, AttachedValue]:
+    """Values of plug-ins that have a table in dataset.toml. Raises DatasetError."""
+    found = {each.name: load(each.load)(top.table(each.name), folder, poses) for each in contributions(Attachment)}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _attached_files(dataset: Dataset) -> list[Path]:
+    """Files of attached values in the dataset's folder."""
+    folder, poses = dataset.folder, dataset.poses.ids
+    if folder is None:
+        return []
+    return [path for value in dataset.attachments.values() for path in value.files(folder, poses)]
 
 
 def _meshes(dataset: Dataset) -> list[Path]:
@@ -242,7 +248,7 @@ def _meshes(dataset: Dataset) -> list[Path]:
     return [path for path in named if path.is_file() and _is_below(dataset.folder, path)]
 
 
-def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
+def inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
     """The path of a named file below the folder. Raises DatasetError where it leads out of the folder."""
     if not name or not _is_below(folder, folder / name):
         raise top.error(key, f"found {name!r}, which is not below the dataset's folder", "use a relative path below it")
@@ -321,7 +327,7 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
     if dataset.scan_folder is not None:
         (folder / dataset.scan_folder).mkdir(exist_ok=True)
     if dataset.folder is not None and dataset.folder.resolve() != folder.resolve():
-        for source in (*_scans(dataset), *_images(dataset), *_meshes(dataset)):
+        for source in (*_scans(dataset), *_attached_files(dataset), *_meshes(dataset)):
             if not source.is_file():
                 continue
             copy = folder / source.relative_to(dataset.folder)
@@ -332,8 +338,8 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
     if dataset.points is not None:
         text = frame_csv(points_frame(dataset.poses, dataset.points))
         write_text_atomically(folder / "points.csv", text)
-    if dataset.camera is not None:
-        write_text_atomically(folder / VIEWS_FILE, views_text(dataset.camera))
+    for value in dataset.attachments.values():
+        value.write(folder)
     # dataset.toml last: a folder without it is not taken for a dataset.
     write_text_atomically(folder / "dataset.toml", tomli_w.dumps(_dataset_document(dataset)))
 
@@ -352,8 +358,7 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     document |= extra
     mount = {"mount": "flange"} if dataset.robot.carries_scanner else {}
     document["scanner"] = mount | scanner_document(dataset.scanner)
-    if dataset.camera is not None:
-        document["camera"] = camera_document(dataset.camera)
+    document |= {name: value.document() for name, value in dataset.attachments.items()}
     if signals := signal_noise_document(dataset.signal_noise):
         document["signals"] = signals
     if cell := surroundings_document(dataset.surroundings):

@@ -10,15 +10,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from calib.calibration.arm_or_camera import ArmOrCamera, arm_or_camera
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.model_versions import Version
 from calib.calibration.mount import CameraPlace, Mount, camera_places, mounts
 from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.promise import promise
-from calib.calibration.reprojection import ReprojectedView, reprojected_views, rms_px
 from calib.calibration.result import Calibration, is_declared
-from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
+from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries, taken_up_by_links
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
 from calib.consistency.leading_entry import leading_entry
@@ -29,6 +27,7 @@ from calib.identifiability.structural import redundancy_of
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
 from calib.models.fitted_model import RoleErrors
+from calib.plugins import CalibrationPart, contributions, load
 from calib.present import names
 from calib.present.effects import model_name, with_joints
 from calib.present.fit.corners import face_labelling
@@ -86,8 +85,9 @@ def _calibration(calibration: Calibration) -> Presentation:
         redundancy_section(analysis),
         Section("Convergence", [falls]),
     ]
-    if reprojected_views(calibration):
-        sections.append(Section("Reprojection", [_worst_image(calibration)]))
+    for part in contributions(CalibrationPart):
+        if figures := load(part.figures)(calibration):
+            sections.append(Section(part.title, figures))
     return Presentation(
         f"Calibration of {calibration.dataset.name}",
         [*calibration_head(calibration), pose_errors(calibration)],
@@ -137,17 +137,13 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
 
 
 def instrument_facts(calibration: Calibration) -> list[tuple[str, object]]:
-    """Facts on where the instrument is, how well a camera's images are met, and whether arm or camera errs."""
+    """Facts on where the instrument is, and on what else is known of it."""
     noun = names.instrument(calibration.dataset)
     facts: list[tuple[str, object]] = [_mount_fact(mount, noun) for mount in mounts(calibration)]
     if not calibration.model.robot.carries_scanner:
         facts += [_place_fact(place, noun) for place in camera_places(calibration)]
-    reprojected = reprojected_views(calibration)
-    if reprojected:
-        facts.append(("reprojection", _reprojection_words(calibration, reprojected)))
-    asked = arm_or_camera(calibration)
-    if asked is not None:
-        facts.append(("arm or camera", arm_or_camera_words(asked)))
+    for part in contributions(CalibrationPart):
+        facts += load(part.facts)(calibration)
     return facts
 
 
@@ -155,13 +151,8 @@ def camera_sections(calibration: Calibration) -> list[Section]:
     """Section on where a camera is and how its images are met; [] for other instruments and other residuals."""
     if calibration.residual != "pose" or calibration.dataset.usual_residual != "pose":
         return []
-    figure = [_worst_image(calibration)] if reprojected_views(calibration) else []
-    return [Section("Camera", [Facts(instrument_facts(calibration)), *figure], brief=True)]
-
-
-def _worst_image(calibration: Calibration) -> FigurePlace:
-    caption = "Corners of the image that the fit meets worst, with arrows from where it puts them."
-    return FigurePlace("reprojection", (calibration,), caption, height_px=420)
+    figures = [figure for part in contributions(CalibrationPart) for figure in load(part.figures)(calibration)]
+    return [Section("Camera", [Facts(instrument_facts(calibration)), *figures], brief=True)]
 
 
 def _mount_fact(mount: Mount, noun: str) -> tuple[str, str]:
@@ -188,58 +179,6 @@ def _place_fact(place: CameraPlace, noun: str) -> tuple[str, str]:
     )
 
 
-def _reprojection_words(calibration: Calibration, views: tuple[ReprojectedView, ...]) -> str:
-    """Clause on the pixels between the corners and where the fit puts them."""
-    assert calibration.dataset.camera is not None
-    fitted = rms_px(tuple(one for one in views if one.role != "test"))
-    test = rms_px(tuple(one for one in views if one.role == "test"))
-    worst = max(views, key=lambda one: one.rms_px)
-    each = [f"{value:.3f} pixels at the {what} poses" for value, what in ((fitted, "fitted"), (test, "test")) if value]
-    return (
-        f"{' and '.join(each)} (RMS per coordinate; the corners' own noise is "
-        f"{calibration.dataset.camera.sigma_px:.3f}), most at {worst.view.pose}, {worst.rms_px:.3f}"
-    )
-
-
-def _reprojection_document(views: tuple[ReprojectedView, ...]) -> dict[str, Any] | None:
-    if not views:
-        return None
-    poses = [
-        {"pose": one.view.pose, "role": one.role, "corners": len(one.predicted), "rms_px": one.rms_px} for one in views
-    ]
-    return {
-        "train_rms_px": rms_px(tuple(one for one in views if one.role != "test")),
-        "test_rms_px": rms_px(tuple(one for one in views if one.role == "test")),
-        "poses": poses,
-    }
-
-
-_WRONG = {
-    "neither": "neither errs beyond the noise",
-    "arm": "the arm errs",
-    "camera": "the camera's side errs (lens, or the size of board or marker)",
-    "both": "both err",
-}
-
-
-def arm_or_camera_words(asked: ArmOrCamera) -> str:
-    """Clause on how likely it is that the arm errs, the camera, both or neither."""
-    ordered = sorted(asked.probabilities.items(), key=lambda one: -one[1])
-    said = [f"{_WRONG[name]}: {numbers.probability(p)}" for name, p in ordered if p >= _HARDLY or name == ordered[0][0]]
-    told = asked.likeliest in ("camera", "both") and abs(asked.board_size - 1.0) > 2.0 * asked.board_size_sigma
-    seen = "marker" if asked.of_marker else "board"
-    return "; ".join([*said, *([f"the {seen} is {_board_size_words(asked)}"] if told else [])])
-
-
-def _board_size_words(asked: ArmOrCamera) -> str:
-    """By how much a board is larger or smaller, such as "0.98 ± 0.12 % larger than it was told"."""
-    off, sigma = 100.0 * (asked.board_size - 1.0), 100.0 * asked.board_size_sigma
-    return f"{abs(off):.2f} ± {sigma:.2f} % {'larger' if off > 0.0 else 'smaller'} than it was told"
-
-
-_HARDLY = 0.005  # probability below which a hypothesis is not told
-
-
 def _place_document(place: CameraPlace) -> dict[str, Any]:
     table = np.sqrt(np.diag(place.covariance_with_table))
     return {
@@ -253,12 +192,6 @@ def _place_document(place: CameraPlace) -> dict[str, Any]:
         "board_parent": place.board_parent,
         "board_parent_T_board": place.board_parent_T_board,
     }
-
-
-def _asked_document(asked: ArmOrCamera | None) -> dict[str, Any] | None:
-    if asked is None:
-        return None
-    return {**asked.probabilities, "board_size": asked.board_size, "board_size_sigma": asked.board_size_sigma}
 
 
 def _mount_document(mount: Mount) -> dict[str, Any]:
@@ -325,28 +258,8 @@ def tool_shift_sentence(shift: ToolShift) -> str:
 
 
 def table_doubts(calibration: Calibration) -> list[str]:
-    """Sentences on a camera's lens or board that the links took up, or on entries of robot.toml that are far off."""
-    asked = arm_or_camera(calibration)
-    camera = [] if asked is None else camera_doubts(asked)
-    return camera or list(map(table_doubt, doubtful_entries(calibration)))
-
-
-def camera_doubts(asked: ArmOrCamera) -> list[str]:
-    """Sentence on a board or lens that is not as it was told, without capital; [] where it may be."""
-    taken_up = "which the fitted links take up: take neither them nor distances from this fit"
-    seen = "marker" if asked.of_marker else "board"
-    if asked.board_is_off:
-        then = "and tell its size to the program that measured its poses" if asked.of_marker else "and import it again"
-        return [f"by arm and camera the {seen} is {_board_size_words(asked)}, {taken_up}; measure it {then}."]
-    if asked.camera_alone_errs:
-        then = "import without --intrinsics, or with those of this camera"
-        if asked.of_marker:
-            then = "calibrate the lens and measure the marker for the program that measured its poses"
-        return [
-            f"the camera's side errs, not the arm (probability {asked.probabilities['camera']:.2g}): its lens or the "
-            f"{seen} is not as it was told, {taken_up}; {then}."
-        ]
-    return []
+    """Sentences on what else the links took up, or on entries of robot.toml that are far off."""
+    return taken_up_by_links(calibration) or list(map(table_doubt, doubtful_entries(calibration)))
 
 
 def table_doubt(entry: DoubtfulEntry) -> str:
@@ -772,8 +685,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         **found_tool_document(calibration),
         "mounts": [_mount_document(mount) for mount in mounts(calibration)],
         "hand_eye": [_place_document(place) for place in camera_places(calibration)],
-        "reprojection": _reprojection_document(reprojected_views(calibration)),
-        "arm_or_camera": _asked_document(arm_or_camera(calibration)),
+        **_document_of_plugins(calibration),
         "attitudes": attitudes and dict(zip(("before", "after"), attitudes, strict=True)),
         "faces_named": None if labelling is None else face_labelling(labelling),
         "sigma_mm": calibration.sigma_mm,
@@ -793,6 +705,11 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "warnings": calibration_warnings(calibration),
         **promise_document(promise(calibration), calibration.dataset.poses),
     }
+
+
+def _document_of_plugins(calibration: Calibration) -> dict[str, Any]:
+    documents: list[dict[str, Any]] = [load(part.document)(calibration) for part in contributions(CalibrationPart)]
+    return {key: value for document in documents for key, value in document.items()}
 
 
 def found_tool_document(calibration: Calibration) -> dict[str, Any]:

@@ -33,7 +33,7 @@ from inspector.export.import_document import plan_document, plan_lines
 def run_import(options: ImportOptions) -> int:
     """Make a dataset folder from a user's files."""
     choice = _choice(options)
-    if options.source is None and not choice.camera.is_given and (options.robot is None or options.joints is None):
+    if options.source is None and choice.measured is None and (options.robot is None or options.joints is None):
         raise CalibError("give --robot and --joints, or --from with a zip or a folder that holds them")
     if not options.dry_run:
         require_free(options.path)
@@ -41,7 +41,8 @@ def run_import(options: ImportOptions) -> int:
     with given as files:
         if files.datasets:
             return _ready(options, files)
-        with nullcontext() if choice.camera.images is None else progress("images", "image") as on_progress:
+        unit = "" if choice.measured is None else choice.measured.unit
+        with progress(f"{unit}s", unit) if unit else nullcontext() as on_progress:
             plan = without_folder(plan_of_files(files, choice, on_progress), files.folder)
         for doubt in plan.doubts:
             print(visible(f"inspector: warning: {doubt}"), file=sys.stderr)
@@ -111,7 +112,7 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 def _next_step(options: ImportOptions) -> str:
     """Command that a user would give next."""
-    return f"inspector {'calibrate' if _choice(options).camera.is_given else 'diagnose'} {options.path}"
+    return f"inspector {'diagnose' if _choice(options).measured is None else 'calibrate'} {options.path}"
 
 
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:

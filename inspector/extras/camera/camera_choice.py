@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calib.dataset_import.camera_views import CameraChoice
 from calib.dataset_import.import_dataset import ImportChoice
+from calib.extras.camera.importing.camera_import import CameraImport
+from calib.extras.camera.importing.camera_views import CameraChoice
 from inspector.cli.additions import ImportAddition
 from inspector.cli.options.robots import ImportOptions
 from inspector.extras.camera.options import CameraOptions
@@ -23,4 +24,4 @@ class CameraAddition(ImportAddition[CameraOptions, ImportOptions]):
             None if asked.board_sigma is None else 0.01 * asked.board_sigma,
         )  # fmt: skip
         camera.require_consistent()
-        return replace(choice, camera=camera)
+        return replace(choice, measured=CameraImport(camera)) if camera.is_given else choice

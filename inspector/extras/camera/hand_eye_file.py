@@ -8,7 +8,7 @@ from pathlib import Path
 from calib.calibration.mount import camera_places
 from calib.calibration.result import Calibration
 from calib.errors import CalibError
-from calib.robot_formats.static_transform import StaticTransform, transform_text
+from calib.extras.camera.static_transform import StaticTransform, transform_text
 from inspector.cli.additions import CalibrateAddition
 from inspector.cli.options.fits import CalibrateOptions
 from inspector.extras.camera.options import HandEyeOptions

@@ -9,7 +9,6 @@ import plotly.graph_objects as go
 
 from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of, running_median
-from calib.calibration.reprojection import reprojected_views
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import FitStep, candidate_of
@@ -29,7 +28,6 @@ from inspector.figures import (
     evidence_plots,
     plan_plots,
     plots,
-    reprojection_plot,
     residual_plots,
 )
 from inspector.figures.results.alone import titled
@@ -135,28 +133,6 @@ def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = Fals
         train, test = [s.train_distance_rmse_mm for s in steps], [s.test_distance_rmse_mm for s in steps]
     drawn = plots.convergence(train, test, what=what)
     return titled(drawn, f"Convergence of the fit: {calibration.dataset.name}", dark=dark)
-
-
-def reprojection(calibration: Calibration, pose: str | None = None, *, dark: bool = False) -> go.Figure:
-    """Figure of the corners in one image of a board, with arrows from where the fit puts them.
-
-    Args:
-        calibration: a fit of full poses of a dataset of images.
-        pose: whose image; None for the one that the fit meets worst.
-
-    Raises CalibError where there is no such image.
-    """
-    views = reprojected_views(calibration)
-    camera = calibration.dataset.camera
-    chosen = [one for one in views if pose is None or one.view.pose == pose]
-    if not chosen or camera is None:
-        raise CalibError(
-            f"no image of a board {'is fitted' if pose is None else f'at pose {pose!r}'}; see residual pose"
-        )
-    one = max(chosen, key=lambda view: view.rms_px)
-    image = calibration.dataset.image_path(calibration.dataset.poses.index(one.view.pose))
-    drawn = reprojection_plot.reprojected_corners(one.view, camera.lens.size_px, one.predicted, image)
-    return titled(drawn, f"Reprojection at {one.view.pose}: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
 
 
 def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = False) -> go.Figure:

@@ -2,32 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Protocol
+
 import numpy as np
+import plotly.graph_objects as go
 import viser
 
-from calib.calibration.reprojection import ReprojectedView, reprojected_views
-from calib.camera.view import View as BoardView
+from calib.plugins import load
 from calib.rendering import numbers
 from calib.scans.scan import Scan
-from inspector.figures.reprojection_plot import reprojected_corners
 from inspector.markup.model.comparison import roles_legend
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import Actions, FollowsModel, hidden_plot
+from inspector.plugins import PoseView, contributions
 from inspector.session.view import View, corner_of
 
 NOTE = (
     "The selected scan in full, all others in few points, in the colour of their role. Look for scans that miss the "
     "jig, are noisy, or lie apart from the rest. A pose without a corner is left out of the fit."
 )
-IMAGE_NOTE = (
-    "The image at the selected pose: the board's corners as they were found, with arrows from where the fitted arm, "
-    "camera and board put them. Look for an image far worse than the others, and for arrows that all point one way."
-)
 NO_SCANS = "The points were measured (points.csv). The list gives the uncertainty of each."
 
 
-PLOT_PX = 330  # width of an image beside the axis of a figure of the panel
+class ShownPose(Protocol):
+    """What a plug-in shows of the selected pose of a dataset that an instrument of its own measured."""
+
+    @property
+    def note(self) -> str:
+        """What is shown, and what to look for."""
+
+    @property
+    def column(self) -> tuple[str, Mapping[str, str]] | None:
+        """Title of a further column of the table of all poses, and its cells by pose."""
+
+    def figure(self) -> tuple[go.Figure, float] | None:
+        """Figure of the pose with its height over its width; None where there is none."""
+
+    def facts(self) -> list[tuple[str, object]]:
+        """Facts on what was measured at the pose; [] where nothing was."""
+
+
+def shown_pose(view: View) -> ShownPose | None:
+    """What a plug-in shows of the selected pose; None where none measured the dataset."""
+    found = (load(kind.of_view)(view) for kind in contributions(PoseView))
+    return next((each for each in found if each is not None), None)
 
 
 class ScansPanel(FollowsModel):
@@ -42,48 +62,31 @@ class ScansPanel(FollowsModel):
         self._all = gui.add_html("")
 
     def update(self, view: View) -> None:
-        """Show what the model on show makes of the images, where a camera took them."""
-        if view.session.dataset.camera is not None:
+        """Show what the model on show makes of what was measured, where a plug-in's instrument did."""
+        if shown_pose(view) is not None:
             self.update_scan(view, None, 0)
 
     def update_scan(self, view: View, scan: Scan | None, drawn: int) -> None:
         """Show the selected scan's or image's facts; `drawn` is the number of its points in the scene."""
         self._show.visible = view.session.dataset.scan_folder is not None
-        with_images = view.session.dataset.camera is not None
-        self._note.content = elements.note(NOTE if self._show.visible else IMAGE_NOTE if with_images else NO_SCANS)
+        by_plugin = shown_pose(view)
+        note = NO_SCANS if by_plugin is None else by_plugin.note
+        self._note.content = elements.note(NOTE if self._show.visible else note)
         self._scan.content = elements.heading(f"Pose {view.pose_id}") + scan_facts(view, scan, drawn)
         self.update_image(view)
         self.update_list(view)
 
     def update_image(self, view: View) -> None:
-        """Draw the image of the selected pose, with the reprojection by the model on show."""
-        dataset, seen = view.session.dataset, image_of(view)
-        self._image.visible = seen is not None
-        if seen is None or dataset.camera is None:
-            return
-        fitted = reprojections(view).get(view.pose_id)
-        width, height = dataset.camera.lens.size_px
-        self._image.aspect = (height / width * PLOT_PX + 72) / (PLOT_PX + 72)  # with room for the axes
-        self._image.figure = reprojected_corners(
-            seen, (width, height), None if fitted is None else fitted.predicted, dataset.image_path(view.pose)
-        )
+        """Draw the selected pose as a plug-in does, where one measured it."""
+        by_plugin = shown_pose(view)
+        drawn = None if by_plugin is None else by_plugin.figure()
+        self._image.visible = drawn is not None
+        if drawn is not None:
+            self._image.figure, self._image.aspect = drawn
 
     def update_list(self, view: View) -> None:
         """Refresh the table of all poses."""
         self._all.content = elements.heading("All poses") + roles_legend(view) + pose_table(view)
-
-
-def image_of(view: View) -> BoardView | None:
-    """Corners that the camera saw at the selected pose; None where there is no camera, or the board was not seen."""
-    camera = view.session.dataset.camera
-    return None if camera is None else camera.of(view.pose_id)
-
-
-def reprojections(view: View) -> dict[str, ReprojectedView]:
-    """Reprojection at each pose by the model on show; {} for the nominal robot and where no full poses are fitted."""
-    if view.calibration is None or view.is_nominal:
-        return {}
-    return {one.view.pose: one for one in reprojected_views(view.calibration)}
 
 
 def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
@@ -103,13 +106,8 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
         ]
         if scan.dropped:
             rows.append(("points without a value, left out", f"{scan.dropped:,}"))
-    elif (seen := image_of(view)) is not None and dataset.camera is not None:
-        image, fitted = dataset.image_path(i), reprojections(view).get(view.pose_id)
-        rows += [("image", "not kept in the dataset's folder" if image is None else image.name)]
-        rows += [("corners of the board", len(seen.corner))]
-        if fitted is not None:
-            noise = f"noise {dataset.camera.sigma_px:.3f}"
-            rows.append(("reprojection", f"{fitted.rms_px:.3f} pixels per coordinate, RMS ({noise})"))
+    elif (by_plugin := shown_pose(view)) is not None and (known := by_plugin.facts()):
+        rows += known
     elif dataset.scan_folder is not None:
         rows.append(("scan", "none: the point was measured (points.csv)"))
     joints = zip(dataset.robot.joints, poses.q[i], strict=True)
@@ -137,7 +135,8 @@ def pose_table(view: View) -> str:
     """Table of all poses with their state, the selected one marked."""
     poses, out = view.session.dataset.poses, view.session.uncounted
     searched = view.session.dataset.scan_folder is not None  # else nothing is known of faces and searches
-    fitted = reprojections(view)
+    by_plugin = shown_pose(view)
+    further = None if by_plugin is None else by_plugin.column
     rows = []
     for i, (pose_id, role) in enumerate(zip(poses.ids, poses.role, strict=True)):
         search, found = view.session.searches.get(pose_id), corner_of(view, i)
@@ -152,8 +151,8 @@ def pose_table(view: View) -> str:
             corner = None if search is None else search.corner
             row.append("–" if corner is None else numbers.length(max(face.rms_mm for face in corner.faces)))
             row.append("–" if search is None else f"{search.seconds:.2f}")
-        if fitted:
-            row.append(f"{fitted[pose_id].rms_px:.3f}" if pose_id in fitted else "–")
+        if further is not None:
+            row.append(further[1].get(pose_id, "–"))
         rows.append(row)
     return elements.table(
         (
@@ -161,7 +160,7 @@ def pose_table(view: View) -> str:
             "corner" if searched else "point",
             "sigma, 3D",
             *(("worst rms", "search, s") if searched else ()),
-            *(("reprojection, px",) if fitted else ()),
+            *(() if further is None else (further[0],)),
         ),
         rows,
         left=2,

@@ -1,0 +1,624 @@
+"""Corners of a board in images, and a first guess of lens and poses, by OpenCV: the extra `camera`.
+
+OpenCV finds markers and corners to a few hundredths of a pixel, which is its business; what follows from the corners is
+computed in `calib.extras.camera.view`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, IndexArray
+from calib.errors import CalibError
+from calib.extras.camera.board import Board, board_of
+from calib.extras.camera.board_bend import bent, board_bend
+from calib.extras.camera.focus import Focus, focus_of_views, refocused
+from calib.extras.camera.lens import LENS_NAMES, Lens, project
+from calib.extras.camera.marker_corners import refined_corners
+from calib.extras.camera.observed import IMAGE_SUFFIXES
+from calib.extras.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
+from calib.progress import OnProgress
+from calib.rendering import numbers
+from calib.statistics import rms_length
+
+_OF_MARKER = 4  # corners of a single marker
+_FEWEST = 6  # corners of a view of a board
+_FEWEST_VIEWS = 8  # for a lens that is found
+_REFINED_OVER = 0.28  # of a square's side, half the window about a corner of a checkerboard
+_SETTLED = (3, 60, 1e-4)  # of cornerSubPix: at most 60 rounds, until a corner moves by less, pixels
+_FEW_SHOW = 0.3  # share of the images
+_TRIED = 6  # images in which dictionaries are compared
+_COMPARED_PX = 1600  # longest side of these
+_SOUGHT_PX = 1200  # longest side of an image in which a checkerboard is sought
+_ORDERED_BY = 3  # markers of an image that tells their order on the board
+_OTHER_ORDER = 5.0  # ratio of misfits from which it is clear that it is not OpenCV's
+_DICTIONARIES = {
+    "charuco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "APRILTAG_36h11", "ARUCO_MIP_36h12"),
+    "aruco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "ARUCO_MIP_36h12"),
+    "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
+}
+_ROUNDS = 3  # in which bad corners are left out
+_FOCUS_ROUNDS = 2  # it converges quadratically
+_FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with it
+_FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
+_MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
+_TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
+
+
+def opencv() -> ModuleType:
+    """OpenCV. Raises CalibError where the extra is not installed."""
+    try:
+        import cv2
+    except ImportError:
+        raise CalibError(
+            "images need OpenCV, which is not installed: pip install 'robot-calibration-inspector[camera]'"
+        ) from None
+    return cv2
+
+
+@dataclass(frozen=True)
+class Detected:
+    """Views of a board in images, in the order of the images, and what was left out."""
+
+    board: Board
+    size_px: tuple[int, int]  # width, height
+    views: tuple[View, ...]
+    left_out: Mapping[str, str]  # the reason by the name of the image's file
+    notes: tuple[str, ...]
+
+
+def image_files(folder: Path) -> dict[str, Path]:
+    """Images of a folder by stem, in natural order (2 before 10). Raises CalibError where there is none."""
+    if not folder.is_dir():
+        raise CalibError(f"--images {folder}: no such folder of images")
+    found = [path for path in folder.iterdir() if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES]
+    if not found:
+        phone = any(path.suffix.lower() in (".heic", ".heif") for path in folder.iterdir())
+        then = "; save its HEIC images as JPEG" if phone else ""
+        raise CalibError(f"--images {folder}: holds no image ({', '.join(IMAGE_SUFFIXES)}){then}")
+    twice = [stem for stem, count in Counter(path.stem for path in found).items() if count > 1]
+    if twice:
+        raise CalibError(f"--images {folder}: two images are named {twice[0]!r}; an image a pose is needed")
+    return {path.stem: path for path in sorted(found, key=lambda path: numbers.natural_order(path.stem))}
+
+
+def detect(
+    images: Mapping[str, Path], board: Board, dictionary: str | None = None, on_progress: OnProgress | None = None
+) -> Detected:
+    """Corners of a board in images, each named by its pose; images that cannot be read or of another size are left out.
+
+    `on_progress` is called with (done, total, file name) after each image. Raises CalibError where most images have no
+    common size, or none shows the board.
+    """
+    cv2 = opencv()
+    pictures, size_px, left_out = _pictures(cv2, images)
+    finder, notes = _finder(cv2, board, dictionary, pictures)
+    fewest = _OF_MARKER if board.is_single else min(_FEWEST, len(board.corners_mm))
+    views = []
+    most = 0
+    for done, (name, picture) in enumerate(pictures.items(), 1):
+        number, pixels = finder(picture)
+        if on_progress is not None:
+            on_progress(done, len(pictures), images[name].name)
+        most = max(most, len(number))
+        if len(number) < fewest or _on_one_line(board.corners_mm[number]):
+            none = f"does not show the {'whole ' if board.kind == 'checkerboard' else ''}board"
+            few_seen = f"shows {len(number)} corners, of which no pose follows"
+            left_out[images[name].name] = few_seen if len(number) else none
+            continue
+        views.append(View(name, number, board.corners_mm[number], pixels))
+    folder = next(iter(images.values())).parent
+    # A part of a larger checkerboard may have been taken for the whole.
+    few = board.kind == "checkerboard" and len(views) < _FEW_SHOW * len(pictures)
+    if (few or not views) and (told := _counted_otherwise(cv2, board, folder, pictures)) is not None:
+        raise CalibError(told)
+    if not views:
+        raise CalibError(_nothing_seen(board, finder, folder, pictures, most))
+    return Detected(board, size_px, tuple(views), left_out, notes)
+
+
+def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Array], tuple[int, int], dict[str, str]]:
+    """Grey images of the size that most have, that size, and why others are left out. Raises CalibError."""
+    pictures: dict[str, Array] = {}
+    left_out = {}
+    for name, path in images.items():
+        picture = picture_of(cv2, path, cv2.IMREAD_GRAYSCALE)
+        if picture is None:
+            left_out[path.name] = "cannot be read as an image"
+        else:
+            pictures[name] = picture
+    if not pictures:
+        raise CalibError(
+            f"{next(iter(images.values()))}: cannot be read as an image, nor can any other; save them anew"
+        )
+    sizes = Counter((picture.shape[1], picture.shape[0]) for picture in pictures.values())
+    (size_px, count), *others = sizes.most_common()
+    if 2 * count <= len(pictures) and others:
+        (width, height), _ = others[0]
+        raise CalibError(
+            f"--images {next(iter(images.values())).parent}: {count} images of {size_px[0]} x {size_px[1]} pixels, and "
+            f"others of {width} x {height}; all images of a dataset come from one camera at one resolution"
+        )
+    for name, picture in list(pictures.items()):
+        if (width := picture.shape[1], height := picture.shape[0]) != size_px:
+            left_out[images[name].name] = f"has {width} x {height} pixels, most have {size_px[0]} x {size_px[1]}"
+            del pictures[name]
+    return pictures, size_px, left_out
+
+
+def picture_of(cv2: ModuleType, path: Path, how: int) -> Array | None:
+    """Image of a file, read as one of OpenCV's ways; None where it is none.
+
+    Pixels are taken as the sensor has them: how a program would turn them to be looked at says nothing of the camera.
+    """
+    if not path.stat().st_size:
+        return None
+    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), how | cv2.IMREAD_IGNORE_ORIENTATION)
+    return None if picture is None else np.asarray(picture)
+
+
+Finder = Callable[[Array], tuple[IndexArray, Array]]
+
+
+def _nothing_seen(board: Board, finder: Finder, folder: Path, pictures: Mapping[str, Array], most: int) -> str:
+    """What to say where no image shows enough of the board."""
+    mirrored = (np.ascontiguousarray(picture[:, ::-1]) for picture in pictures.values())
+    if board.kind != "checkerboard" and any(len(finder(picture)[0]) > max(most, 3) for picture in mirrored):
+        return (
+            f"--images {folder}: the images are mirrored: the board {board.text} is seen in their mirror images; "
+            "switch the camera's flip off, or flip them back"
+        )
+    found = f"at most {most} corners of it are seen" if most else "none shows it"
+    return (
+        f"--images {folder}: no image shows the board {board.text} ({found} in {len(pictures)} images); check the "
+        "number of squares (not of inner corners), --dictionary, and that it is sharp and fills a fair part of the "
+        "image"
+    )
+
+
+def _counted_otherwise(cv2: ModuleType, board: Board, folder: Path, pictures: Mapping[str, Array]) -> str | None:
+    """What to say where images show other counts of squares, as where inner corners or rows first were given."""
+    if board.kind not in ("charuco", "checkerboard"):
+        return None
+    columns, rows = board.columns, board.rows
+    kind, _, sizes = board.text.split(":", 2)
+    some = list(pictures.values())[:: max(1, len(pictures) // _TRIED)]
+    for one, two in ((columns + 1, rows + 1), (rows, columns), (rows + 1, columns + 1)):
+        try:
+            other = board_of(f"{kind}:{one}x{two}:{sizes}")
+            finder = _finder(cv2, other, None, pictures)[0]
+        except CalibError:
+            continue
+        fewest = min(_FEWEST, len(other.corners_mm) // 2)
+        if sum(len(finder(picture)[0]) >= fewest for picture in some) > len(some) // 3:
+            return (
+                f"--images {folder}: the images show {one} x {two} squares, not {columns} x {rows}: give the squares "
+                f"of a row and of a column, not their inner corners, by --board {other.text}"
+            )
+    return None
+
+
+def _on_one_line(board_mm: Array) -> bool:
+    """Whether corners (N, 3) lie on one line, or nearly."""
+    size = np.linalg.svd(board_mm - board_mm.mean(axis=0), compute_uv=False)
+    return bool(size[1] < 1e-3 * max(size[0], 1e-9))
+
+
+def _finder(
+    cv2: ModuleType, board: Board, dictionary: str | None, pictures: Mapping[str, Array]
+) -> tuple[Finder, tuple[str, ...]]:
+    """Function that finds the board's corners in an image, and notes on what was chosen."""
+    if board.kind == "checkerboard":
+        if dictionary is not None:
+            raise CalibError(f"--dictionary {dictionary}: a checkerboard has no markers; leave it out")
+        if board.turns_alike:
+            raise CalibError(
+                f"--board {board.text}: turned by half a turn it looks the same, so that its attitude cannot be told; "
+                "take a board with an odd number of squares along one side and an even one along the other"
+            )
+        return _checkerboard(cv2, board), ()
+    names = _DICTIONARIES[board.kind] if dictionary is None else (_plain_name(dictionary),)
+    for name in names:
+        if not hasattr(cv2.aruco, f"DICT_{name}"):
+            known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
+            raise CalibError(f"--dictionary {dictionary}: no such dictionary; there are {', '.join(known)}")
+    tried = list(pictures.values())[:: max(1, len(pictures) // _TRIED)][:_TRIED]
+    if board.is_single:
+        return _single_marker(cv2, board, dictionary, names, tried)
+    name, legacy, notes = _dictionary(cv2, board, dictionary, names, tried)
+    if board.kind == "charuco":
+        return _charuco_finder(cv2, board, name, legacy), notes
+    finder = _marker_finder(cv2, board, name)
+    rough = _marker_finder(cv2, board, name, is_rough=True)
+    order, note = _order_on_board(cv2, board, [rough(picture) for picture in tried])
+    return (lambda picture: _renumbered(finder(picture), order)), (*notes, *note)
+
+
+def _dictionary(
+    cv2: ModuleType, board: Board, dictionary: str | None, names: Sequence[str], tried: Sequence[Array]
+) -> tuple[str, bool, tuple[str, ...]]:
+    """Name of the dictionary by which most of the board is seen, whether in the old pattern, and notes on it."""
+    best, most = (names[0], False), 0
+    small = [_shrunk(cv2, picture, _COMPARED_PX) for picture in tried]
+    for pictures in (small, tried):
+        for name in names:
+            for legacy in (False, True) if board.kind == "charuco" and board.rows % 2 == 0 else (False,):
+                if board.kind == "charuco":
+                    finder = _charuco_finder(cv2, board, name, legacy)
+                else:
+                    finder = _marker_finder(cv2, board, name, is_rough=True)
+                count = sum(len(finder(picture)[0]) for picture in pictures)
+                if count > most:
+                    best, most = (name, legacy), count
+        if most or all(one is other for one, other in zip(small, tried, strict=True)):
+            break
+    name, legacy = best
+    told = f"DICT_{name}" + (", in the pattern that OpenCV had before 4.6" if legacy else "")
+    note = f"{board.text}: its markers are of {told}, by the images" if dictionary is None or legacy else ""
+    return name, legacy, (note,) if note and most else ()
+
+
+def _shrunk(cv2: ModuleType, picture: Array, longest_px: int) -> Array:
+    """An image of at most so many pixels along its longest side: photos of many megapixels take long to search."""
+    share = longest_px / max(picture.shape)
+    return picture if share >= 1.0 else cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+
+
+def _plain_name(dictionary: str) -> str:
+    return dictionary.removeprefix("DICT_")
+
+
+def _charuco_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> Finder:
+    """Finder of a ChArUco board with markers of a dictionary."""
+    markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+    if board.columns * board.rows // 2 > len(markers.bytesList):
+        raise CalibError(f"--dictionary {name}: has {len(markers.bytesList)} markers, too few for {board.text}")
+    printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_mm, board.inner_mm, markers)
+    printed.setLegacyPattern(legacy)
+    charuco = cv2.aruco.CharucoDetector(printed)
+
+    def finder(picture: Array) -> tuple[IndexArray, Array]:
+        pixels, number, _, _ = charuco.detectBoard(picture)
+        if number is None or not len(number):
+            return _none()
+        return number.ravel().astype(np.int64), np.asarray(pixels, dtype=float).reshape(-1, 2)
+
+    return finder
+
+
+def _markers(cv2: ModuleType, name: str) -> Callable[[Array], list[tuple[int, Array]]]:
+    """Function that finds the markers of a dictionary in an image: number and corners (4, 2), clockwise."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
+
+    def markers(picture: Array) -> list[tuple[int, Array]]:
+        corners, ids, _ = detector.detectMarkers(picture)
+        numbers = [] if ids is None else ids.ravel().tolist()
+        return [
+            (number, np.asarray(four, dtype=float).reshape(4, 2))
+            for number, four in zip(numbers, corners, strict=False)
+        ]
+
+    return markers
+
+
+def _marker_finder(
+    cv2: ModuleType, board: Board, name: str, meant: int | None = None, *, is_rough: bool = False
+) -> Finder:
+    """Finder of a grid of markers of a dictionary, or of one with a number; a rough one keeps OpenCV's corners."""
+    markers = _markers(cv2, name)
+
+    def finder(picture: Array) -> tuple[IndexArray, Array]:
+        seen = markers(picture)
+        if board.is_single:
+            seen = [(0, four) for one, four in seen if one == meant]
+        seen = [(one, four) for one, four in seen if one < board.columns * board.rows]
+        number = [4 * one + k for one, _ in seen for k in range(4)]
+        if not number or len(number) != len(set(number)):  # several markers alike: which is meant is not known
+            return _none()
+        corners = [four if is_rough else refined_corners(cv2, picture, four) for _, four in seen]
+        return np.array(number), np.concatenate(corners)
+
+    return finder
+
+
+def _single_marker(
+    cv2: ModuleType, board: Board, dictionary: str | None, names: Sequence[str], tried: Sequence[Array]
+) -> tuple[Finder, tuple[str, ...]]:
+    """Finder of the marker that is largest in most images, of any of some dictionaries, and notes on the choice."""
+    sides: dict[tuple[str, int], float] = {}
+    for name in names:
+        markers = _markers(cv2, name)
+        for picture in tried:
+            largest: dict[int, float] = {}
+            for number, four in markers(picture):
+                largest[number] = max(largest.get(number, 0.0), _side_px(four))
+            for number, side in largest.items():
+                sides[name, number] = sides.get((name, number), 0.0) + side
+    if not sides:
+        return _marker_finder(cv2, board, names[0]), ()
+    name, meant = max(sides, key=lambda one: sides[one])
+    notes = [f"{board.text}: its marker is of DICT_{name}, by the images"] if dictionary is None else []
+    others = sum(one == name for one, _ in sides) - 1
+    if others:
+        notes.append(f"{board.text}: it is marker {meant}, the largest in most images; {others} others are seen too")
+    return _marker_finder(cv2, board, name, meant), tuple(notes)
+
+
+def _side_px(four: Array) -> float:
+    """Mean length of the sides of a marker's corners (4, 2), pixels."""
+    return float(np.mean(np.linalg.norm(four - np.roll(four, 1, axis=0), axis=1)))
+
+
+def _order_on_board(
+    cv2: ModuleType, board: Board, seen: Sequence[tuple[IndexArray, Array]]
+) -> tuple[IndexArray, tuple[str, ...]]:
+    """Number on the board (4 K,) of each corner of K markers, and a note where they are not as OpenCV prints a grid.
+
+    AprilTag's own images are turned by half a turn against OpenCV's, and Kalibr counts rows from the bottom. Corners
+    of a wrong order lie on no plane: a homography misses them by a good part of a marker's side.
+    """
+    usual = np.arange(4 * board.columns * board.rows)
+    views = [(number, pixels) for number, pixels in seen if len(number) >= 4 * _ORDERED_BY]
+    if not views:
+        return usual, ()
+    misfit, orders = {}, {}
+    rows, columns = np.divmod(usual // 4, board.columns)
+    for upwards in (False, True):
+        row = board.rows - 1 - rows if upwards else rows
+        for quarters in range(4):
+            order = 4 * (row * board.columns + columns) + (usual % 4 + quarters) % 4
+            orders[upwards, quarters] = order
+            misfit[upwards, quarters] = float(
+                np.median([_plane_misfit(cv2, board.corners_mm[order[number], :2], pixels) for number, pixels in views])
+            )
+    best = min(misfit, key=lambda one: misfit[one])
+    if misfit[False, 0] < _OTHER_ORDER * misfit[best]:
+        return usual, ()
+    upwards, quarters = best
+    words = ["the rows of its markers are counted from the bottom"] * upwards
+    words += [f"its markers are turned by {90 * quarters}° against OpenCV's"] * (quarters > 0)
+    return orders[best], (f"{board.text}: {' and '.join(words)}, by the images",)
+
+
+def _plane_misfit(cv2: ModuleType, board_mm: Array, pixels: Array) -> float:
+    """Root mean square by which a homography of the board's plane misses corners, in sides of a marker."""
+    matrix, _ = cv2.findHomography(board_mm, pixels, 0)
+    if matrix is None:
+        return float("inf")
+    missed = cv2.perspectiveTransform(board_mm[None], matrix)[0] - pixels
+    side = float(np.mean([_side_px(four) for four in pixels.reshape(-1, 4, 2)]))
+    return rms_length(missed) / side
+
+
+def _renumbered(found: tuple[IndexArray, Array], order: IndexArray) -> tuple[IndexArray, Array]:
+    """Corners with the numbers that they have on the board, in their order."""
+    number = order[found[0]]
+    rows = np.argsort(number)
+    return number[rows], found[1][rows]
+
+
+def _checkerboard(cv2: ModuleType, board: Board) -> Finder:
+    inner = (board.columns - 1, board.rows - 1)
+
+    def finder(picture: Array) -> tuple[IndexArray, Array]:
+        # Its time grows with the pixels, fourfold with its own enlarging, which small squares need.
+        for longest_px, how in ((_SOUGHT_PX, 0), (_COMPARED_PX, cv2.CALIB_CB_ACCURACY)):
+            small = _shrunk(cv2, picture, longest_px)
+            seen, pixels = cv2.findChessboardCornersSB(small, inner, flags=how)
+            if seen:
+                break
+        else:
+            return _none()
+        grid = np.asarray(pixels, dtype=float).reshape(board.rows - 1, board.columns - 1, 2)
+        grid = (grid + 0.5) * (picture.shape[1] / small.shape[1]) - 0.5
+        # OpenCV's sector-based corners of one image are off by a common 0.015 pixels, at a tilt; refined, by 0.004.
+        steps = [np.median(np.linalg.norm(np.diff(grid, axis=axis), axis=2)) for axis in (0, 1)]
+        reach = max(2, round(_REFINED_OVER * float(min(steps))))
+        start = grid.reshape(-1, 1, 2).astype(np.float32)
+        refined = cv2.cornerSubPix(picture, start, (reach, reach), (-1, -1), _SETTLED).reshape(-1, 2).astype(float)
+        pixels = refined if _first_is_dark(picture, grid) else refined[::-1]
+        return np.arange(len(pixels)), pixels
+
+    return finder
+
+
+def _first_is_dark(picture: Array, grid_px: Array) -> bool:
+    """Whether the square between the first four corners is darker than its right neighbour."""
+
+    def level(row: int, column: int) -> float:
+        x, y = grid_px[row : row + 2, column : column + 2].reshape(4, 2).mean(axis=0)
+        return float(picture[round(y), round(x)])
+
+    return level(0, 0) < level(0, 1)
+
+
+def _none() -> tuple[IndexArray, Array]:
+    return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class MeasuredViews:
+    """Lens, and the board's pose in each view that tells one."""
+
+    lens: Lens
+    poses: tuple[ViewPose, ...]
+    sigma_px: float
+    left_out: Mapping[str, str]  # the reason by the name of the pose
+    bad_corners: int = 0  # that lie far from where all others put them, and are left out
+    sag_mm: float = 0.0  # range of the corners' heights over a plane, where the board is bent
+    focus: Focus | None = None  # of each image, where it differs; the views' pixels are free of it
+
+
+def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
+    """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
+    cv2 = opencv()
+    if given is not None and given.size_px != detected.size_px:
+        raise wrong_resolution(given, detected.size_px, ", or leave them out")
+    fitted = _fitted(cv2, detected, given)
+    focus: Focus | None = None
+    for _ in range(_FOCUS_ROUNDS):
+        focus = focus_of_views(fitted.lens, [best for best, _ in fitted.both], fitted.sigma_px, focus)
+        if focus is None:
+            break
+        views = refocused(detected.views, fitted.lens, focus)
+        fitted = _fitted(cv2, replace(detected, views=views), given, fitted.lens, own_focus=True)
+    poses, left_out = [], dict(fitted.left_out)
+    for best, rival in fitted.both:
+        if rival is not None and rival.squares - best.squares < _TWO_WAYS * fitted.sigma_px**2:
+            left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
+        else:
+            poses.append(best)
+    if not poses:
+        raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
+    return MeasuredViews(fitted.lens, tuple(poses), fitted.sigma_px, left_out, fitted.bad_corners, fitted.sag_mm, focus)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    lens: Lens
+    sigma_px: float
+    both: list[tuple[ViewPose, ViewPose | None]]  # best and second pose of each view
+    bad_corners: int
+    left_out: Mapping[str, str]
+    sag_mm: float
+
+
+def _fitted(
+    cv2: ModuleType, detected: Detected, given: Lens | None, start: Lens | None = None, own_focus: bool = False
+) -> _Fitted:
+    """Lens and poses of the views without bad corners, and on a board that is bent as the images show it.
+
+    A lens to be found is sought from a start, or from OpenCV's, with `own_focus` as `found_lens` does.
+    """
+    views, left_out = detected.views, {}
+    whole = {view.pose: view for view in views}
+    lens, sigma_px, both = _lens_and_poses(cv2, detected, given, start, own_focus)
+    for _ in range(_ROUNDS):
+        kept, hopeless = _without_bad_corners(lens, [best for best, _ in both], whole)
+        if not kept or [len(view.corner) for view in views] == [len(view.corner) for view in kept]:
+            break
+        views = tuple(kept)
+        left_out.update(dict.fromkeys(hopeless, "its corners do not lie as on the board: is something in front of it?"))
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens, own_focus)
+    sag_mm = 0.0
+    for _ in range(_ROUNDS):
+        bend = board_bend(detected.board, lens, [best for best, _ in both], sigma_px)
+        if bend is None:
+            break
+        views = tuple(bent(view, detected.board, bend) for view in views)
+        sag_mm = float(np.ptp([height for view in views for height in view.board_mm[:, 2]]))
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens, own_focus)
+    seen = sum(len(view.corner) for view in detected.views if view.pose not in left_out)
+    return _Fitted(lens, sigma_px, both, seen - sum(len(view.corner) for view in views), left_out, sag_mm)
+
+
+def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "") -> CalibError:
+    """Error of a lens that is one of other images."""
+    return CalibError(
+        f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
+        f"{size_px[0]} x {size_px[1]}; calibrate the camera at this resolution{otherwise}"
+    )
+
+
+def _lens_and_poses(
+    cv2: Any, detected: Detected, given: Lens | None, start: Lens | None, own_focus: bool
+) -> tuple[Lens, float, list[tuple[ViewPose, ViewPose | None]]]:
+    """Lens, pixel noise, and the best and second pose of each view."""
+    if given is not None:
+        both = [_best_pose(cv2, given, view) for view in detected.views]
+        return given, noise_px([best for best, _ in both]), both
+    start = start or _first_lens(cv2, detected)
+    poses = [_best_pose(cv2, start, view)[0] for view in detected.views]
+    found: FoundLens = found_lens(start, poses, own_focus=own_focus)
+    return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
+
+
+def _without_bad_corners(
+    lens: Lens, poses: Sequence[ViewPose], whole: Mapping[str, View]
+) -> tuple[list[View], list[str]]:
+    """Views without the corners that lie far from where the board's pose puts them, by the median of all errors.
+
+    The farthest go first, as they pull the pose from the others; of the whole view those that fit the pose then come
+    back. Also the poses whose image has too few that do. A single marker keeps its four: none of them can be spared.
+    """
+    usual = float(np.median(np.abs(np.concatenate([one.error_px.ravel() for one in poses])))) / _MEDIAN_OF_NORMAL
+    most_px = _FAR_OFF * max(usual, 1e-6)
+    numbers = np.array(lens.numbers)
+    kept, hopeless = [], []
+    for one in poses:
+        view, fewest = one.view, max(_FEWEST, len(one.view.corner) // 2)
+        if len(view.corner) <= _OF_MARKER:
+            kept.append(view)
+            continue
+        while (far_px := np.linalg.norm(one.error_px, axis=1)).max() > most_px:
+            good = far_px <= max(most_px, _FARTHEST * float(far_px.max()))
+            if good.sum() < fewest:
+                hopeless.append(view.pose)
+                break
+            view = View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good])
+            one = pose_of_view(numbers, view, one.camera_T_board)
+        else:
+            view, pose = whole[view.pose], one.camera_T_board
+            off_px = view.pixels - project(numbers, view.board_mm @ pose[:3, :3].T + pose[:3, 3])
+            good = np.linalg.norm(off_px, axis=1) <= most_px
+            kept.append(View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good]))
+    return kept, hopeless
+
+
+def _first_lens(cv2: Any, detected: Detected) -> Lens:
+    """First guess of the lens by OpenCV's calibrateCamera. Raises CalibError."""
+    views = detected.views
+    if len(views) < _FEWEST_VIEWS or detected.board.is_single:
+        why = "of a single marker" if detected.board.is_single else f"{len(views)} images show the board"
+        raise CalibError(
+            f"the lens cannot be found from the images ({why}; {_FEWEST_VIEWS} images of a board are needed); give it "
+            "by --intrinsics FILE, such as ROS's camera_info.yaml"
+        )
+    board = [_flat(view).astype(np.float32) for view in views]
+    seen = [view.pixels.astype(np.float32) for view in views]
+    try:
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(board, seen, detected.size_px, None, None)
+    except cv2.error as error:
+        raise CalibError(f"OpenCV finds no lens from the images: {str(error).splitlines()[-1].strip()}") from None
+    numbers = np.zeros(len(LENS_NAMES))
+    numbers[:4] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    numbers[4:9] = np.ravel(distortion)[:5]
+    return Lens(*detected.size_px, tuple(map(float, numbers)))
+
+
+def _flat(view: View) -> Array:
+    """Corners (N, 3) of the board as if it were flat, as OpenCV's first guesses require."""
+    return np.asarray(view.board_mm * [1.0, 1.0, 0.0])
+
+
+def _best_pose(cv2: Any, lens: Lens, view: View) -> tuple[ViewPose, ViewPose | None]:
+    """Best pose of the board in a view, and the other of the two that a flat board has, None where it is the same."""
+    numbers = np.array(lens.numbers)
+    _, turns, shifts, _ = cv2.solvePnPGeneric(
+        _flat(view), view.pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE
+    )
+    found = []
+    for turn, shift in zip(turns, shifts, strict=True):
+        start = frames.make_transform(frames.rotation_from_rotvec(np.ravel(turn)), np.ravel(shift))
+        if start[2, 3] > 0.0 and np.isfinite(project(numbers, view.board_mm @ start[:3, :3].T + start[:3, 3])).all():
+            found.append(pose_of_view(numbers, view, start))
+    if not found:
+        raise CalibError(f"image {view.pose}: its corners fit no pose of the board before the camera; check --board")
+    found.sort(key=lambda one: one.squares)
+    best = found[0]
+    for other in found[1:]:
+        turn = best.camera_T_board[:3, :3].T @ other.camera_T_board[:3, :3]
+        if np.linalg.norm(frames.rotvec_from_rotation(turn[None])[0]) > 1e-3:
+            return best, other
+    return best, None

@@ -1,0 +1,501 @@
+"""Measured board poses from a folder of images, or from marker poses that another program wrote."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array
+from calib.blas_threads import one_blas_thread
+from calib.calibration.calibrate import fit_measured
+from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
+from calib.dataset.files.points_csv import points_frame
+from calib.dataset_import.columns import Meaning
+from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, recognised
+from calib.errors import CalibError
+from calib.extras.camera.ball import SeenBall, balls_in
+from calib.extras.camera.ball_hand_eye import ball_hand_eye
+from calib.extras.camera.board import Board, board_of
+from calib.extras.camera.board_hand_eye import board_hand_eye
+from calib.extras.camera.detection import Detected, MeasuredViews, detect, image_files, measure
+from calib.extras.camera.focus import focus_errors
+from calib.extras.camera.importing.intrinsics import load_lens
+from calib.extras.camera.importing.marker_poses import load_marker_poses
+from calib.extras.camera.observed import NAME, CameraViews
+from calib.extras.camera.reprojection import full_pose_errors
+from calib.extras.camera.view import covariance_of, shared_errors
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Robot
+from calib.options import FitOptions
+from calib.progress import OnProgress
+from calib.rendering import numbers
+from calib.statistics import rms
+from calib.text_files.csv_text import frame_csv
+from calib.text_files.user_table import UserTable
+
+MOUNTS = ("flange", "room")
+_AT = {"flange": "on the flange", "room": "in the room"}
+_FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
+_MOST_BOARD_SIGMA = 0.05
+_WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
+_SURE = 6.0  # sigmas
+_MOST_NAMED = 5
+_LEAST_SIGMA = 1e-3  # mm, degrees
+_SIGMA_ROUNDS = 4
+_FEWEST = 5  # poses of a hand-eye calibration that is judged
+
+
+@dataclass(frozen=True)
+class CameraChoice:
+    """What a user gives of a camera; images with a board, or poses of a marker."""
+
+    images: Path | None = None
+    board: str | None = None
+    dictionary: str | None = None
+    intrinsics: Path | None = None
+    marker_poses: Path | None = None
+    length_unit: str | None = None
+    mount: str | None = None  # "flange" or "room"; None: by the data
+    flange_poses: Path | None = None  # in place of joint values
+    board_sigma: float | None = None  # of the board's size, a share of it; None: exact
+
+    @property
+    def is_given(self) -> bool:
+        """Whether a camera measured at all."""
+        return self.images is not None or self.marker_poses is not None
+
+    def require_consistent(self) -> None:
+        """Raise CalibError where options do not go together."""
+        if self.images is not None and self.marker_poses is not None:
+            raise CalibError("give --images or --marker-poses, not both")
+        if self.images is not None and self.board is None:
+            raise CalibError("--images: tell the board that they show, such as --board charuco:8x6:30:22")
+        if self.images is None:
+            for name, value in (
+                ("board", self.board),
+                ("dictionary", self.dictionary),
+                ("intrinsics", self.intrinsics),
+                ("board-sigma", self.board_sigma),
+            ):
+                if value is not None:
+                    raise CalibError(f"--{name}: goes with --images FOLDER")
+        if self.board_sigma is not None and not 0.0 <= self.board_sigma <= _MOST_BOARD_SIGMA:
+            raise CalibError(
+                f"--board-sigma {100.0 * self.board_sigma:g}: found no standard deviation of 0 to "
+                f"{100.0 * _MOST_BOARD_SIGMA:g} percent; give that of the board's size, 0.1 for a board measured by a "
+                "caliper"
+            )
+        if self.marker_poses is None and self.length_unit is not None:
+            raise CalibError("--length-unit: goes with --marker-poses FILE")
+        for name, value in (("mount", self.mount), ("flange-poses", self.flange_poses)):
+            if value is not None and not self.is_given:
+                raise CalibError(f"--{name}: goes with --images or --marker-poses")
+
+
+@dataclass(frozen=True)
+class CameraPoints:
+    """Poses of a board in the camera's frame, by pose id, ready to be written."""
+
+    names: tuple[str, ...]  # (M,) ids of poses
+    camera_T_board: Array  # (M, 4, 4)
+    covariance: Array | None  # (M, 6, 6) mm and rad, of a ball (M, 3, 3); None where it is not known
+    shared: Array | None  # (M, 6, K)
+    views: CameraViews | None
+    mount: str | None
+    notes: tuple[str, ...] = field(default_factory=tuple)
+    point_sigma_mm: float | None = None
+    orientation_sigma_deg: float | None = None  # with `point_sigma_mm`, estimated from what a fit leaves
+    images: Mapping[str, Path] = field(default_factory=dict)  # the image of each pose that can be kept by its name
+    ball: str | None = None  # as it was named; a ball has no attitude: the camera's axes stand for it
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether a ball was seen in place of a board."""
+        return self.ball is not None
+
+    def points(self, ids: Sequence[str]) -> Points:
+        """Measured points for poses with given ids."""
+        index = {pose_id: i for i, pose_id in enumerate(ids)}
+        row = np.array([index[name] for name in self.names])
+        covariance = self.covariance
+        orientations = Orientations(
+            self.camera_T_board[:, :3, :3],
+            None if covariance is None else covariance[:, 3:, 3:],
+            None if covariance is None else covariance[:, :3, 3:],
+        )
+        return Points(
+            row, self.camera_T_board[:, :3, 3], np.full(len(row), "jig"),
+            None if covariance is None else covariance[:, :3, :3], None if self.is_ball else orientations,
+            shared=None if self.shared is None or not self.shared.shape[2] else self.shared,
+        )  # fmt: skip
+
+    def points_text(self, ids: Sequence[str]) -> str:
+        """Text of points.csv."""
+        count = len(ids)
+        poses = Poses(tuple(ids), np.full(count, "train"), np.zeros((count, 1)), np.full(count, ""), tuple(ids))
+        return frame_csv(points_frame(poses, self.points(ids)))
+
+    def settled(self, robot: Robot, ids: Sequence[str], q: Array) -> CameraPoints:
+        """The same by the arm as its table has it, see `settled_camera`. Raises CalibError."""
+        return settled_camera(self, robot, ids, q)
+
+    def scanner_table(self, declared: Mapping[str, Any]) -> dict[str, Any]:
+        """[scanner]: the camera's mount, and the noise of its poses where they have no covariances of their own."""
+        sigmas = {
+            "point_sigma_mm": declared.get("point_sigma_mm", self.point_sigma_mm),
+            "orientation_sigma_deg": self.orientation_sigma_deg,
+        }
+        estimated = {"sigmas": "estimated"} if sigmas["point_sigma_mm"] and "point_sigma_mm" not in declared else {}
+        return (
+            {"mount": self.mount or "room"}
+            | ({"kind": "camera"} if self.views is None and not self.is_ball else {})
+            | estimated
+            | {key: value for key, value in sigmas.items() if value is not None}
+        )
+
+    def write(self, folder: Path, *, with_files: bool) -> dict[str, Any]:
+        """Write the corners, and the images if `with_files`; returns [camera] of dataset.toml."""
+        if self.views is None:
+            return {}
+        self.views.write(folder)
+        if not (self.images and with_files):
+            return {NAME: self.views.document()}
+        (folder / "images").mkdir()
+        for pose_id, path in self.images.items():
+            shutil.copyfile(path, folder / "images" / f"{pose_id}{path.suffix.lower()}")
+        return {NAME: replace(self.views, images="images").document()}
+
+
+def ids_of(table: UserTable, mapping: Mapping[str, Meaning], robot: Robot | None = None) -> list[str]:
+    """Ids of the poses of a table's rows. Raises CalibError where it lacks joint values of a given robot."""
+    report = ImportReport(robot)
+    meant = recognised(report, table, mapping, positions=False)
+    report.raise_all()
+    return pose_ids(ImportReport(None), table, meant)
+
+
+@one_blas_thread()
+def camera_points(
+    choice: CameraChoice, table: UserTable, ids: Sequence[str], on_progress: OnProgress | None = None
+) -> CameraPoints:
+    """Board poses from images or marker poses, by the ids of the rows of the arm's table. Raises CalibError."""
+    if choice.marker_poses is not None:
+        return _of_marker_poses(choice, table, ids)
+    assert choice.images is not None
+    assert choice.board is not None
+    board = board_of(choice.board)
+    if board.is_ball and choice.dictionary is not None:
+        raise CalibError(f"--dictionary {choice.dictionary}: a ball has no markers; leave it out")
+    if board.is_ball and choice.board_sigma is not None:
+        raise CalibError(f"--board-sigma: goes with a board, and --board {board.text} is a ball; leave it out")
+    if board.is_ball and choice.intrinsics is None:
+        raise CalibError(
+            f"--board {board.text}: how far away a ball is follows from its size in the image by a known lens; give it "
+            "by --intrinsics FILE, such as ROS's camera_info.yaml"
+        )
+    lens = None if choice.intrinsics is None else load_lens(choice.intrinsics)
+    images = image_files(choice.images)
+    pose_of, notes = _poses_of_images(choice.images, images, table, ids)
+    kept = {stem: path for stem, path in images.items() if stem in pose_of}
+    if board.is_ball:
+        assert lens is not None
+        seen, left_out = balls_in(kept, lens, 0.5 * board.square_mm)
+        told = _told_of_balls(choice, board, seen, left_out)
+        return CameraPoints(
+            tuple(pose_of[stem] for stem in seen),
+            frames.make_transform(np.eye(3), np.stack([ball.xyz_mm for ball in seen.values()])),
+            np.stack([ball.covariance for ball in seen.values()]),
+            None, None, choice.mount, (*notes, *told), ball=board.text,
+        )  # fmt: skip
+    detected = detect(kept, board, choice.dictionary, on_progress)
+    measured = measure(detected, lens)
+    told = _told(choice, detected, measured)
+    board_sigma = choice.board_sigma or 0.0
+    if board_sigma > 0.0:
+        told.append(f"the board's size is an unknown of every fit, told to {100.0 * board_sigma:g} % (--board-sigma)")
+    names = tuple(pose_of[one.view.pose] for one in measured.poses)
+    views = CameraViews(
+        lens=replace(measured.lens, covariance=None),
+        board=board.text,
+        sigma_px=measured.sigma_px,
+        pose=tuple(name for name, one in zip(names, measured.poses, strict=True) for _ in one.view.corner),
+        corner=np.concatenate([one.view.corner for one in measured.poses]),
+        board_mm=np.concatenate([one.view.board_mm for one in measured.poses]),
+        pixels=np.concatenate([one.view.pixels for one in measured.poses]),
+        lens_from="images" if choice.intrinsics is None else choice.intrinsics.name,
+    )
+    return CameraPoints(
+        names,
+        np.stack([one.camera_T_board for one in measured.poses]),
+        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses])
+        + (0.0 if measured.focus is None else focus_errors(measured.lens, measured.poses, measured.focus)),
+        shared_errors(measured.lens, measured.poses, board_sigma),
+        views,
+        choice.mount,
+        (*notes, *told),
+        images={pose_of[stem]: path for stem, path in kept.items() if _is_file_name(pose_of[stem])},
+    )
+
+
+def _is_file_name(pose_id: str) -> bool:
+    """Whether a file can have the name of a pose everywhere."""
+    return re.fullmatch(r"[A-Za-z0-9][\w.+-]{0,99}", pose_id, re.ASCII) is not None
+
+
+def _told_of_balls(
+    choice: CameraChoice, board: Board, seen: Mapping[str, SeenBall], left_out: Mapping[str, str]
+) -> list[str]:
+    """Notes on the balls that were seen, what was left out, and the lens."""
+    assert choice.intrinsics is not None
+    radius = np.array([ball.radius_px for ball in seen.values()])
+    sigma = np.sqrt([np.linalg.eigvalsh(ball.covariance) for ball in seen.values()])
+    across, along = np.median(sigma[:, 1]), np.median(sigma[:, 2])
+    return [
+        *_told_left_out(left_out),
+        f"{choice.images}: {len(seen)} images show {board.text}, with a radius of {radius.min():.0f} to "
+        f"{radius.max():.0f} pixels: its middle is known to {across:.2g} mm across the sight and to {along:.2g} mm "
+        "along it (standard deviations, medians)",
+        f"the lens is that of {choice.intrinsics.name}, taken as exact",
+    ]
+
+
+def _told_left_out(left_out: Mapping[str, str]) -> list[str]:
+    """Notes on images that are left out, by the names of files or poses."""
+    notes = [f"image {name} is left out: {reason}" for name, reason in list(left_out.items())[:_MOST_NAMED]]
+    if len(left_out) > _MOST_NAMED:
+        notes.append(
+            f"{len(left_out) - _MOST_NAMED} more images are left out: {', '.join(list(left_out)[_MOST_NAMED:])}"
+        )
+    return notes
+
+
+def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> list[str]:
+    """Notes on what was seen, what was left out, and the lens."""
+    notes = [*detected.notes, *_told_left_out({**detected.left_out, **measured.left_out})]
+    corners = sum(len(one.view.corner) for one in measured.poses)
+    notes.append(
+        f"{choice.images}: {len(measured.poses)} images show {detected.board.text}, {corners} corners, "
+        f"{measured.sigma_px:.3f} pixels of noise"
+        + (
+            f"; {measured.bad_corners} corners far from where the others put them are left out"
+            * (measured.bad_corners > 0)
+        )
+    )
+    if measured.sag_mm:
+        notes.append(
+            f"the board is bent: its corners lie {measured.sag_mm:.2g} mm apart across its plane, by the images; that "
+            "is counted, and a flat one would be better: glue it to glass or aluminium"
+        )
+    if measured.focus is not None:
+        notes.append(
+            f"the focal length differs from image to image, by {100.0 * measured.focus.spread:.2g} % (standard "
+            "deviation), as of a camera that focuses anew: each image's own is found from its perspective, its corners "
+            "are kept as the common lens would see them, and distances are less exact for it; lock the camera's focus"
+        )
+    lens, sigma = measured.lens, measured.lens.sigmas
+    if choice.intrinsics is None:
+        four = ", ".join(
+            f"{name} {value:.2f} ± {error:.2f}"
+            for name, value, error in zip(("fx", "fy", "cx", "cy"), lens.numbers, sigma, strict=False)
+        )
+        notes.append(f"the lens is found from the images: {four} pixels; its errors are unknowns of every fit")
+    else:
+        notes.append(f"the lens is that of {choice.intrinsics.name}, taken as exact")
+    return notes
+
+
+def _poses_of_images(
+    folder: Path, images: Mapping[str, Path], table: UserTable, ids: Sequence[str]
+) -> tuple[dict[str, str], list[str]]:
+    """Id of the pose of each image, by the image's stem, and notes. Raises CalibError."""
+    by_id = {comparable_id(stem): stem for stem in images} | {stem: stem for stem in images}
+    best: dict[str, str] = {}
+    where = ""
+    for name in ("", *table.columns):
+        cells = list(ids) if not name else table.text(name)
+        stems = [
+            by_id.get(Path(cell).stem, by_id.get(comparable_id(Path(cell).stem))) if cell else None for cell in cells
+        ]
+        found = {stem: ids[row] for row, stem in enumerate(stems) if stem is not None}
+        repeated = len([stem for stem in stems if stem is not None]) != len(found)
+        if len(found) > len(best) and not repeated:
+            best, where = found, name
+    if best and 2 * len(best) >= min(len(images), len(ids)):
+        gone = [path.name for stem, path in images.items() if stem not in best]
+        notes = [f"{table.path}: column {where} names the images"] if where else []
+        if gone:
+            shown = numbers.in_short(gone, _MOST_NAMED)
+            notes.append(f"{folder}: {len(gone)} images have no row in {table.path.name} and are left out: {shown}")
+        return best, notes
+    if len(images) == len(ids):
+        order = sorted(images, key=numbers.natural_order)
+        note = f"{folder}: no column names the images; they are taken in the order of their names, {order[0]} first"
+        return dict(zip(order, ids, strict=True)), [note]
+    raise CalibError(
+        f"{table.path}: {len(ids)} rows, and {folder} holds {len(images)} images, of which {len(best)} are named as a "
+        "pose is; add a column `image` with the file's name to each row"
+    )
+
+
+def _of_marker_poses(choice: CameraChoice, table: UserTable, ids: Sequence[str]) -> CameraPoints:
+    """Board poses that another program measured. Raises CalibError."""
+    assert choice.marker_poses is not None
+    given = load_marker_poses(choice.marker_poses, choice.length_unit)
+    names, notes = given.names, [f"{choice.marker_poses}: {given.note}"]
+    if names is None:
+        if len(given.camera_T_marker) != len(ids):
+            raise CalibError(
+                f"{choice.marker_poses}: {len(given.camera_T_marker)} poses, and {table.path} has {len(ids)} rows; "
+                "name the pose of each, or give as many"
+            )
+        names = tuple(ids)
+        if table.path != choice.marker_poses:
+            notes.append(f"{choice.marker_poses}: names no poses; they are taken in the order of {table.path.name}")
+    known = {comparable_id(name): name for name in ids} | {name: name for name in ids}
+    found = []
+    for name in names:
+        pose = known.get(Path(name).stem, known.get(name, known.get(comparable_id(name))))
+        if pose is None:
+            raise CalibError(f"{choice.marker_poses}: pose {name[:40]!r} is not in {table.path}")
+        found.append(pose)
+    return CameraPoints(tuple(found), given.camera_T_marker, None, None, None, choice.mount, tuple(notes))
+
+
+def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> CameraPoints:
+    """Board poses with the camera's mount, and their noise where it is not known, found by the arm as its table has it.
+
+    ids: of the arm's N poses; q  # (N, n) rad, mm. Raises CalibError where the board's size contradicts the arm, or the
+    mount is not clear.
+    """
+    row = [ids.index(name) for name in given.names]
+    flange = forward(robot.table, q[row], robot.is_revolute, robot.base_T_first).base_T_flange
+    notes, mount = list(given.notes), given.mount
+    if len(row) < _FEWEST:
+        what = "ball" if given.is_ball else "board"
+        raise CalibError(f"the {what} is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
+    if given.is_ball:
+        return _settled_ball(given, flange)
+    both = {name: board_hand_eye(flange, given.camera_T_board, on_flange=name == "flange") for name in MOUNTS}
+    if mount is None:
+        best = min(MOUNTS, key=lambda name: both[name].rms_mm)
+        other = next(name for name in MOUNTS if name != best)
+        if both[other].rms_mm < _FAR_MISFIT * both[best].rms_mm:
+            raise CalibError(
+                f"the poses do not tell where the camera is: on the flange the arm misses the board by "
+                f"{both['flange'].rms_mm:.3g} mm rms, in the room by {both['room'].rms_mm:.3g} mm; give "
+                "--mount flange or --mount room, and check that joints and images belong together"
+            )
+        mount = best
+        notes.append(
+            f"the camera is {_AT[mount]}: the arm misses the board by {both[mount].rms_mm:.3g} mm rms, and by "
+            f"{both[other].rms_mm:.3g} mm if it were {_AT[other]}"
+        )
+    chosen = both[mount]
+    if chosen.is_determined:
+        _require_scale(chosen.scale, chosen.scale_sigma, given)
+    if given.covariance is None:
+        sigma_mm = max(rms(chosen.error_mm), _LEAST_SIGMA)
+        sigma_deg = max(float(np.degrees(np.sqrt(np.mean(chosen.error_rad**2)))), _LEAST_SIGMA)
+        given = replace(given, point_sigma_mm=sigma_mm, orientation_sigma_deg=sigma_deg, mount=mount)
+        fitted = _sigmas_of_fit(given, robot, ids, q)
+        if fitted is not None:
+            given = replace(given, point_sigma_mm=fitted[0], orientation_sigma_deg=fitted[1])
+        of_links = fitted is not None and not robot.is_cartesian
+        left = "a fit of the links leaves" if of_links else "the arm as it was told leaves"
+        notes.append(
+            f"the poses' noise is not given: {given.point_sigma_mm:.2g} mm and {given.orientation_sigma_deg:.2g}° per "
+            f"axis weigh them, which {left}; give --sigma if you know it"
+        )
+    return replace(given, mount=mount, notes=tuple(notes))
+
+
+def _settled_ball(given: CameraPoints, flange: Array) -> CameraPoints:
+    """Places of a ball with the camera's mount, by the arm as its table has it, without those that are far off.
+
+    flange  # (M, 4, 4) base_T_flange of each place. Raises CalibError where the mount is not clear, or the ball's size
+    contradicts the arm.
+    """
+    seen_mm = given.camera_T_board[:, :3, 3]
+    assert given.covariance is not None
+    fits = {
+        name: ball_hand_eye(flange, seen_mm, given.covariance, np.random.default_rng(0), on_flange=name == "flange")
+        for name in (MOUNTS if given.mount is None else (given.mount,))
+    }
+    best = min(fits, key=lambda name: fits[name].misfit)
+    if any(fits[name].misfit < _FAR_MISFIT * fits[best].misfit for name in fits if name != best):
+        told = ", ".join(f"{fit.misfit:.3g} with the camera {_AT[name]}" for name, fit in fits.items())
+        raise CalibError(
+            f"the {len(given.names)} places of the ball do not tell where the camera is (misfit over noise: {told}); "
+            "give --mount flange or --mount room, measure more poses, and check that joints and images belong together"
+        )
+    chosen = fits[best]
+    _require_scale(chosen.scale, chosen.scale_sigma, given)
+    off_mm = np.linalg.norm(chosen.error_mm, axis=1)
+    notes = [
+        f"pose {name} is left out: what its image shows is {mm:.3g} mm from where the arm has the ball"
+        for name, mm, kept in zip(given.names, off_mm, chosen.kept, strict=True)
+        if not kept
+    ]
+    if given.mount is None:
+        notes.insert(0, f"the camera is {_AT[best]}, by the arm as its table has it")
+    return replace(
+        given, mount=best, notes=(*given.notes, *notes), camera_T_board=given.camera_T_board[chosen.kept],
+        covariance=given.covariance[chosen.kept], names=tuple(np.array(given.names)[chosen.kept].tolist()),
+    )  # fmt: skip
+
+
+def _to_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, scanner: Scanner) -> Dataset:
+    """Dataset of what the camera saw, all poses for training, for a fit by which the import judges it."""
+    robot = replace(robot, carries_scanner=given.mount == "flange")
+    count = len(ids)
+    role = np.array(["reference", *["train"] * (count - 1)])
+    poses = Poses(tuple(ids), role, q, np.full(count, ""), tuple(ids))
+    return Dataset("import", robot, poses, given.points(ids), scanner=scanner)
+
+
+def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> tuple[float, float] | None:
+    """Sigmas per axis, mm and degrees, of what a fit of links, camera and board leaves; None where there is no fit.
+
+    Places and attitudes weigh by the sigmas of the round before, and share the degrees of freedom by their numbers.
+    """
+    sigmas = (given.point_sigma_mm or 1.0, given.orientation_sigma_deg or 1.0)
+    for _ in range(_SIGMA_ROUNDS):
+        scanner = Scanner(point_sigma_mm=sigmas[0], orientation_sigma_rad=float(np.radians(sigmas[1])))
+        try:
+            fitted = fit_measured(_to_fit(given, robot, ids, q, scanner), FitOptions("pose"))
+        except CalibError:
+            return None
+        errors = full_pose_errors(fitted)
+        share = errors.size / max(fitted.fit.degrees_of_freedom, 1)
+        found_mm, found_rad = (float(np.sqrt(share * np.mean(part**2))) for part in (errors[:, :3], errors[:, 3:]))
+        sigmas = max(found_mm, _LEAST_SIGMA), max(float(np.degrees(found_rad)), _LEAST_SIGMA)
+    return sigmas
+
+
+def _require_scale(scale: float, sigma: float, given: CameraPoints) -> None:
+    """Raise CalibError where the declared size of board or ball contradicts the lengths of the arm."""
+    off = abs(1.0 / scale - 1.0) if scale > 0.0 else float("inf")
+    if off < _WRONG_SCALE or abs(scale - 1.0) < _SURE * sigma:
+        return
+    fitting = f"{scale:.4g} times as large"
+    if given.ball is not None:
+        raise CalibError(
+            f"--board {given.ball}: the images fit the arm with a ball {fitting} (± {sigma:.2g}); measure its "
+            "diameter, or check the robot's units and the lens's"
+        )
+    if given.views is None:
+        raise CalibError(
+            f"the marker's poses fit the arm with lengths {fitting}; check --length-unit, and "
+            "the marker's size in the program that measured them"
+        )
+    raise CalibError(
+        f"--board {given.views.board}: the images fit the arm with a board {fitting} "
+        f"(± {sigma:.2g}); measure its squares, or check the robot's units"
+    )

@@ -1,0 +1,158 @@
+"""Poses of the flange in place of joint values: which way of reading them agrees with what a camera saw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array
+from calib.dataset_import.columns import Meaning, recognise
+from calib.dataset_import.flange_columns import has_flange_poses
+from calib.errors import CalibError
+from calib.extras.camera.board_hand_eye import board_hand_eye
+from calib.extras.camera.importing.camera_views import MOUNTS, CameraChoice, CameraPoints
+from calib.extras.camera.importing.documents import SUFFIXES
+from calib.extras.camera.importing.flange_poses import FlangePoses, readings_of
+from calib.extras.camera.importing.marker_poses import EASY_HANDEYE, MarkerPoses, load_flange_poses
+from calib.kinematics.cartesian import cartesian_arm, joints_of_poses
+from calib.kinematics.robot import Robot
+from calib.text_files.user_table import UserTable, load_table
+
+_CLEAR = 3.0  # ratio of misfits from which one reading is clearly the right one
+_SAME_MM = 1e-3  # readings whose poses differ by less, 3D and over this many mm of a lever, are one
+_LEVER_MM = 1000.0
+_FEWEST_JOINTS = 5
+_NAMES = ("q1_mm", "q2_mm", "q3_mm", "q4_deg", "q5_deg", "q6_deg")
+
+
+@dataclass(frozen=True)
+class ArmTable:
+    """A table of the arm's poses, a row each: of joint values, or of the flange with every reading of its poses."""
+
+    table: UserTable
+    readings: tuple[FlangePoses, ...] = ()  # () where it has joint values
+    may_be_inverse: bool = False  # whether the program that wrote it inverts them where the camera stands in the room
+
+
+def table_of_arm(
+    choice: CameraChoice, joints: Path | None, robot: Robot | None, mapping: Mapping[str, Meaning]
+) -> ArmTable:
+    """Table of the arm's poses at which a camera measured, from what the user gave. Raises CalibError.
+
+    joints: the table of joint values, which may have poses of the flange in their place.
+    """
+    path = choice.flange_poses or joints
+    if path is None:
+        beside = choice.marker_poses
+        found = None if beside is None else load_flange_poses(beside, choice.length_unit, beside=True)
+        if beside is None or found is None:
+            raise CalibError(
+                "--images and --marker-poses need the arm's poses: --joints FILE.csv, the joint values of each, or "
+                "--flange-poses FILE, the poses of the flange as the controller tells them"
+            )
+        return _of_document(beside, found)
+    if path.suffix.lower() not in SUFFIXES:
+        table = load_table(path, lambda _: None, any_encoding=True)
+        if choice.flange_poses is not None or _has_no_joints(table, robot, mapping):
+            return ArmTable(table, tuple(readings_of(table)))
+        return ArmTable(table)
+    found = load_flange_poses(path, choice.length_unit) if choice.flange_poses is not None else None
+    if found is None:
+        raise CalibError(
+            f"{path}: holds no pose of the flange; --flange-poses takes poses of ROS, samples of a hand-eye tool, and "
+            "tables, --joints a table of joint values"
+        )
+    return _of_document(path, found)
+
+
+def _has_no_joints(table: UserTable, robot: Robot | None, mapping: Mapping[str, Meaning]) -> bool:
+    """Whether a table of joint values has poses of the flange in their place."""
+    if not has_flange_poses(table):
+        return False
+    found = recognise(table.columns, robot, mapping)
+    count = _FEWEST_JOINTS if robot is None else robot.n_joints  # q1 ... q4 alone may be a quaternion
+    return not all(f"q{k + 1}" in found.columns for k in range(count))
+
+
+def _of_document(path: Path, found: MarkerPoses) -> ArmTable:
+    ids = found.names or tuple(f"p{k + 1}" for k in range(len(found.camera_T_marker)))
+    table = UserTable(path, ("pose",), tuple((one,) for one in ids), tuple(range(1, len(ids) + 1)), has_header=True)
+    return ArmTable(table, (FlangePoses(found.camera_T_marker, found.note),), found.key == EASY_HANDEYE)
+
+
+def joints_table(
+    arm: ArmTable, camera: CameraPoints, ids: Sequence[str], given: Robot | None
+) -> tuple[Robot, UserTable, list[str], list[str]]:
+    """Arm and joints' table that stand for the poses of the flange, with notes and doubts.
+
+    Of several readings the one is taken in which the arm meets the board. Raises CalibError where none does clearly.
+
+    ids: of the table's poses. given: the robot that the user named, of which nothing but the name is taken.
+    """
+    row = [list(ids).index(name) for name in camera.names]
+    readings = list(arm.readings)
+    if camera.mount is not None and not camera.is_ball:
+        inverse = (replace(one, base_T_flange=frames.invert(one.base_T_flange)) for one in arm.readings)
+        readings += [replace(one, form=f"{one.form}, of the base in the flange's frame") for one in inverse]
+    if camera.is_ball and len(readings) > 1:
+        raise CalibError(
+            f"{arm.table.path}: the attitudes may be meant in {len(readings)} ways, and a ball does not tell which; "
+            "name the columns rvec_x, rvec_y, rvec_z, or roll, pitch, yaw, or qw, qx, qy, qz, with their unit"
+        )
+    mounts = MOUNTS if camera.mount is None else (camera.mount,)
+    off_mm = []
+    for one in readings:
+        poses = one.base_T_flange[row]
+        each = [board_hand_eye(poses, camera.camera_T_board, on_flange=mount == "flange") for mount in mounts]
+        off_mm.append(min(found.rms_mm for found in each))
+    best = int(np.argmin(off_mm))
+    others = [
+        off for one, off in zip(readings, off_mm, strict=True)
+        if not _same(one.base_T_flange, readings[best].base_T_flange)
+    ]  # fmt: skip
+    path, chosen = arm.table.path, readings[best]
+    if others and min(others) < _CLEAR * off_mm[best]:
+        raise CalibError(
+            f"{path}: the attitudes may be meant in several ways, and what the camera saw does not tell which: the "
+            f"best miss the board by {off_mm[best]:.3g} and {min(others):.3g} mm; name the columns rvec_x, rvec_y, "
+            "rvec_z, or roll, pitch, yaw, or a, b, c, or qw, qx, qy, qz, and check that poses and images are of one run"
+        )
+    note = f"{path}: {chosen.form}"
+    if others:
+        note += (
+            f"; so the arm misses the board by {off_mm[best]:.3g} mm rms, otherwise by {min(others):.3g} mm and more"
+        )
+    doubts = []
+    if given is not None:
+        doubts.append(
+            f"{path}: has poses of the flange and no joint values: the camera's place is found for the arm as its "
+            "controller takes it to be, and nothing of its links; log the joints too to calibrate the arm"
+        )
+    if arm.may_be_inverse and camera.mount is None:
+        doubts.append(
+            f"{path}: easy_handeye writes the inverse of the arm's poses where the camera stands in the room, which no "
+            "number shows: give --mount room if it does"
+        )
+    robot = cartesian_arm(given.name if given is not None else "poses of the flange")
+    return robot, _table(arm.table, chosen, joints_of_poses(chosen.base_T_flange)), [note], doubts
+
+
+def _same(a: Array, b: Array) -> bool:
+    turned = np.abs(a[:, :3, :3] - b[:, :3, :3]).max() * _LEVER_MM
+    return bool(max(turned, np.abs(a[:, :3, 3] - b[:, :3, 3]).max()) < _SAME_MM)
+
+
+def _table(table: UserTable, chosen: FlangePoses, q: Array) -> UserTable:
+    """Table with joint values in place of the columns that the poses were read from."""
+    kept = [k for k, name in enumerate(table.columns) if name not in chosen.columns]
+    values = np.concatenate([q[:, :3], np.degrees(q[:, 3:])], axis=1)
+    columns = (*(table.columns[k] for k in kept), *_NAMES)
+    rows = tuple(
+        (*(cells[k] for k in kept), *map(repr, of_row.tolist()))
+        for cells, of_row in zip(table.rows, values, strict=True)
+    )
+    return replace(table, columns=columns, rows=rows, has_header=True)

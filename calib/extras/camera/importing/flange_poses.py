@@ -1,0 +1,127 @@
+"""Poses of the flange in a table, in every way in which its numbers may be meant.
+
+What a camera saw at the poses tells which it is (`cartesian_poses`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array
+from calib.dataset_import.flange_columns import ANY_FORM, FIXED, VECTOR, XYZ, ZYX, ZYZ, FlangeColumns, flange_columns
+from calib.errors import CalibError
+from calib.text_files.csv_text import as_number
+from calib.text_files.user_table import UNITS, UserTable, plain, split_unit
+
+_REACH_M = 20.0  # places below are metres where no unit is told
+_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+
+
+@dataclass(frozen=True)
+class FlangePoses:
+    """Poses of the flange as one reading of a file has them."""
+
+    base_T_flange: Array  # (N, 4, 4) mm
+    form: str  # how the numbers were read, for people
+    columns: tuple[str, ...] = ()  # of a table that they were read from
+
+
+def readings_of(table: UserTable) -> list[FlangePoses]:
+    """Every reading of a table's flange poses, the usual ones first. Raises CalibError where there is none."""
+    named = flange_columns(table) if table.has_header else None
+    choices = _by_number(table) if not table.has_header else [] if named is None else [named]
+    if not choices:
+        raise CalibError(
+            f"{table.path}: line 1: found {', '.join(table.columns[:30])}; poses of the flange are x, y, z with "
+            "rx, ry, rz, with a, b, c, with roll, pitch, yaw, or with qx, qy, qz, qw"
+        )
+    return [one for columns in choices for one in _readings(table, columns)]
+
+
+def _by_number(table: UserTable) -> list[FlangeColumns]:
+    """Columns of a table without a header by their number, behind names or times."""
+    numbers = [name for name in table.columns if all(as_number(cell) is not None for cell in table.text(name))]
+    out = []
+    for count, forms in ((6, ANY_FORM), (7, ()), (12, ()), (16, ())):
+        if len(numbers) in (count, count + 1):
+            first = 3 if count < 12 else 0
+            last = tuple(numbers[-count:])
+            out.append(FlangeColumns(last[:first], last[first:], forms))
+    return out
+
+
+def _readings(table: UserTable, columns: FlangeColumns) -> list[FlangePoses]:
+    """Readings of some columns; none where the numbers are no attitude of that kind."""
+    faults: list[str] = []
+
+    def numbers(names: Sequence[str]) -> Array:
+        return np.column_stack([table.numbers(name, lambda fault: faults.append(str(fault))) for name in names])
+
+    attitude = numbers(columns.attitude)
+    used = (*columns.place, *columns.attitude)
+    if not columns.place:
+        return [] if faults else _of_matrices(attitude, used)
+    unit, place = split_unit(columns.place[0])[1], numbers(columns.place)
+    if faults:
+        raise CalibError("\n".join(faults))
+    scale, length = _length(unit, place)
+    if len(columns.attitude) == 4:
+        by_name = any("w" in plain(name) for name in columns.attitude)
+        orders = ((0, 1, 2, 3),) if by_name else ((0, 1, 2, 3), (3, 0, 1, 2))
+        if np.abs(np.linalg.norm(attitude, axis=1) - 1.0).max() > 0.01:
+            return []
+        turns = [
+            (f"quaternions{'' if by_name else ' w, x, y, z' if order[0] == 0 else ' x, y, z, w'}",
+             frames.rotation_from_quaternion(attitude[:, order]))
+            for order in orders
+        ]  # fmt: skip
+    else:
+        told = UNITS.get(split_unit(columns.attitude[0])[1], "")
+        likely = ["deg"] if np.abs(attitude).max() > 2.0 * np.pi else ["rad", "deg"]
+        units = [told] if told in ("deg", "rad") else likely
+        turns = [
+            (f"{form} in {angle}" if form == VECTOR else f"turns about {form} in {angle}",
+             _rotations(form, np.radians(attitude) if angle == "deg" else attitude))
+            for form in columns.forms
+            for angle in units
+        ]  # fmt: skip
+    return [
+        FlangePoses(frames.make_transform(turn, place * scale), f"{', '.join(used)} are {length} and {how}", used)
+        for how, turn in turns
+    ]
+
+
+def _length(unit: str, place: Array) -> tuple[float, str]:
+    """Factor of places to mm, and the unit's name: by the column's name, else by the arm's reach."""
+    unit = unit if unit in _MM else "m" if np.abs(place).max() < _REACH_M else "mm"
+    return _MM[unit], unit
+
+
+def _of_matrices(numbers: Array, used: tuple[str, ...]) -> list[FlangePoses]:
+    """Readings of rows of 12 or 16 numbers as matrices, row by row or column by column."""
+    rows = numbers.reshape(len(numbers), -1, 4)
+    turned = np.swapaxes(numbers.reshape(len(numbers), 4, -1), 1, 2)
+    out = []
+    for matrix, how in ((rows, "row by row"), (turned, "column by column")):
+        rotation = matrix[:, :3, :3]
+        if np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max() < 1e-2:
+            scale, length = _length("", matrix[:, :3, 3])
+            form = f"its numbers are matrices, {how}, in {length}"
+            out.append(FlangePoses(frames.make_transform(rotation, matrix[:, :3, 3] * scale), form, used))
+    return out[:1] if len(out) == 2 and np.allclose(out[0].base_T_flange, out[1].base_T_flange) else out
+
+
+def _rotations(form: str, angles_rad: Array) -> Array:
+    """Rotations (N, 3, 3) of three angles (N, 3) each, or of rotation vectors."""
+    if form == VECTOR:
+        return frames.rotation_from_rotvec(angles_rad)
+    axes = {FIXED: "zyx", ZYX: "zyx", XYZ: "xyz", ZYZ: "zyz"}[form]
+    angles_rad = angles_rad[:, ::-1] if form == FIXED else angles_rad
+    first, second, third = (
+        frames.rotation_from_rotvec(angles_rad[:, [k]] * np.eye(3)["xyz".index(axis)]) for k, axis in enumerate(axes)
+    )
+    return np.asarray(first @ second @ third)

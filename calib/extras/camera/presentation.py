@@ -1,0 +1,123 @@
+"""What a camera tells of a fit: how well its images are met, and whether arm or camera errs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calib.calibration.result import Calibration
+from calib.extras.camera.arm_or_camera import ArmOrCamera, arm_or_camera
+from calib.extras.camera.observed import camera_of
+from calib.extras.camera.reprojection import ReprojectedView, reprojected_views, rms_px
+from calib.rendering import numbers
+from calib.rendering.blocks import FigurePlace
+
+
+def facts(calibration: Calibration) -> list[tuple[str, object]]:
+    """Facts on how well a camera's images are met, and whether arm or camera errs."""
+    found: list[tuple[str, object]] = []
+    reprojected = reprojected_views(calibration)
+    if reprojected:
+        found.append(("reprojection", _reprojection_words(calibration, reprojected)))
+    asked = arm_or_camera(calibration)
+    if asked is not None:
+        found.append(("arm or camera", _words(asked)))
+    return found
+
+
+def figures(calibration: Calibration) -> list[FigurePlace]:
+    """Place of the figure of the image that the fit meets worst; [] without images."""
+    if not reprojected_views(calibration):
+        return []
+    caption = "Corners of the image that the fit meets worst, with arrows from where it puts them."
+    return [FigurePlace("reprojection", (calibration,), caption, height_px=420)]
+
+
+def document(calibration: Calibration) -> dict[str, Any]:
+    """Keys of `calibrate --json` on reprojection, and on arm or camera."""
+    return {
+        "reprojection": _reprojection_document(reprojected_views(calibration)),
+        "arm_or_camera": _asked_document(arm_or_camera(calibration)),
+    }
+
+
+def doubts(calibration: Calibration) -> list[str]:
+    """Sentence on a board or lens that is not as it was told, without capital; [] where it may be."""
+    asked = arm_or_camera(calibration)
+    return [] if asked is None else _doubts(asked)
+
+
+def _reprojection_words(calibration: Calibration, views: tuple[ReprojectedView, ...]) -> str:
+    """Clause on the pixels between the corners and where the fit puts them."""
+    camera = camera_of(calibration.dataset)
+    assert camera is not None
+    fitted = rms_px(tuple(one for one in views if one.role != "test"))
+    test = rms_px(tuple(one for one in views if one.role == "test"))
+    worst = max(views, key=lambda one: one.rms_px)
+    each = [f"{value:.3f} pixels at the {what} poses" for value, what in ((fitted, "fitted"), (test, "test")) if value]
+    return (
+        f"{' and '.join(each)} (RMS per coordinate; the corners' own noise is "
+        f"{camera.sigma_px:.3f}), most at {worst.view.pose}, {worst.rms_px:.3f}"
+    )
+
+
+def _reprojection_document(views: tuple[ReprojectedView, ...]) -> dict[str, Any] | None:
+    if not views:
+        return None
+    poses = [
+        {"pose": one.view.pose, "role": one.role, "corners": len(one.predicted), "rms_px": one.rms_px} for one in views
+    ]
+    return {
+        "train_rms_px": rms_px(tuple(one for one in views if one.role != "test")),
+        "test_rms_px": rms_px(tuple(one for one in views if one.role == "test")),
+        "poses": poses,
+    }
+
+
+_WRONG = {
+    "neither": "neither errs beyond the noise",
+    "arm": "the arm errs",
+    "camera": "the camera's side errs (lens, or the size of board or marker)",
+    "both": "both err",
+}
+
+
+def _words(asked: ArmOrCamera) -> str:
+    """Clause on how likely it is that the arm errs, the camera, both or neither."""
+    ordered = sorted(asked.probabilities.items(), key=lambda one: -one[1])
+    said = [f"{_WRONG[name]}: {numbers.probability(p)}" for name, p in ordered if p >= _HARDLY or name == ordered[0][0]]
+    told = asked.likeliest in ("camera", "both") and abs(asked.board_size - 1.0) > 2.0 * asked.board_size_sigma
+    seen = "marker" if asked.of_marker else "board"
+    return "; ".join([*said, *([f"the {seen} is {_board_size_words(asked)}"] if told else [])])
+
+
+def _board_size_words(asked: ArmOrCamera) -> str:
+    """By how much a board is larger or smaller, such as "0.98 ± 0.12 % larger than it was told"."""
+    off, sigma = 100.0 * (asked.board_size - 1.0), 100.0 * asked.board_size_sigma
+    return f"{abs(off):.2f} ± {sigma:.2f} % {'larger' if off > 0.0 else 'smaller'} than it was told"
+
+
+_HARDLY = 0.005  # probability below which a hypothesis is not told
+
+
+def _asked_document(asked: ArmOrCamera | None) -> dict[str, Any] | None:
+    if asked is None:
+        return None
+    return {**asked.probabilities, "board_size": asked.board_size, "board_size_sigma": asked.board_size_sigma}
+
+
+def _doubts(asked: ArmOrCamera) -> list[str]:
+    """Sentence on a board or lens that is not as it was told, without capital; [] where it may be."""
+    taken_up = "which the fitted links take up: take neither them nor distances from this fit"
+    seen = "marker" if asked.of_marker else "board"
+    if asked.board_is_off:
+        then = "and tell its size to the program that measured its poses" if asked.of_marker else "and import it again"
+        return [f"by arm and camera the {seen} is {_board_size_words(asked)}, {taken_up}; measure it {then}."]
+    if asked.camera_alone_errs:
+        then = "import without --intrinsics, or with those of this camera"
+        if asked.of_marker:
+            then = "calibrate the lens and measure the marker for the program that measured its poses"
+        return [
+            f"the camera's side errs, not the arm (probability {asked.probabilities['camera']:.2g}): its lens or the "
+            f"{seen} is not as it was told, {taken_up}; {then}."
+        ]
+    return []

@@ -1,0 +1,88 @@
+"""Datasets of simulated camera views: corners from `camera_scene`, with pixel noise, as an import would make them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.files.robot_toml import load_robot_toml
+from calib.extras.camera.board import Board
+from calib.extras.camera.detection import Detected, MeasuredViews, measure
+from calib.extras.camera.importing.camera_views import CameraPoints
+from calib.extras.camera.lens import Lens
+from calib.extras.camera.observed import CameraViews
+from calib.extras.camera.view import View, covariance_of, shared_errors
+from tests.support.camera_scene import DISTORTION, MATRIX, ROBOT_FILE, SIZE_PX, Scene
+
+
+def true_lens() -> Lens:
+    """The lens of the scenes."""
+    return Lens(*SIZE_PX, (MATRIX[0, 0], MATRIX[1, 1], MATRIX[0, 2], MATRIX[1, 2], *DISTORTION, 0.0, 0.0, 0.0))
+
+
+def simulated_views(
+    scene: Scene,
+    board: Board,
+    rng: np.random.Generator,
+    *,
+    sigma_px: float,
+    lens: Lens | None = None,
+    swell: float = 1.0,
+    bend_mm: float = 0.0,
+) -> MeasuredViews:
+    """Board poses of a scene; `swell` is the size of the printed board over what is told of it.
+
+    `bend_mm` is by how much its left and right sides lie behind its middle, by which it is rolled.
+    """
+    views = []
+    for k, name in enumerate(scene.names):
+        at_mm = swell * board.corners_mm
+        at_mm[:, 2] += bend_mm * (2.0 * at_mm[:, 0] / board.size_mm[0]) ** 2
+        pixels = scene.pixels(k, at_mm)
+        seen = np.flatnonzero(np.all((pixels > 0) & (pixels < np.array(SIZE_PX)), axis=1))
+        if len(seen) >= 8:
+            noisy = pixels[seen] + rng.normal(size=(len(seen), 2)) * sigma_px
+            views.append(View(name, seen, board.corners_mm[seen], noisy))
+    return measure(Detected(board, SIZE_PX, tuple(views), {}, ()), lens)
+
+
+def simulated_dataset(
+    scene: Scene,
+    board: Board,
+    rng: np.random.Generator,
+    *,
+    sigma_px: float,
+    lens: Lens | None = None,
+    swell: float = 1.0,
+    bend_mm: float = 0.0,
+    board_sigma: float = 0.0,
+) -> Dataset:
+    """Dataset of a scene, all poses for training; the lens is found from the views where None is given.
+
+    `board_sigma` is the told standard deviation of the board's size, a share of it.
+    """
+    found = simulated_views(scene, board, rng, sigma_px=sigma_px, lens=lens, swell=swell, bend_mm=bend_mm)
+    names = tuple(one.view.pose for one in found.poses)
+    views = CameraViews(
+        replace(found.lens, covariance=None), board.text, found.sigma_px,
+        tuple(one.view.pose for one in found.poses for _ in one.view.corner),
+        np.concatenate([one.view.corner for one in found.poses]),
+        np.concatenate([one.view.board_mm for one in found.poses]),
+        np.concatenate([one.view.pixels for one in found.poses]),
+        "images" if lens is None else "lens.yaml",
+    )  # fmt: skip
+    points = CameraPoints(
+        names,
+        np.stack([one.camera_T_board for one in found.poses]),
+        np.stack([covariance_of(one, found.sigma_px) for one in found.poses]),
+        shared_errors(found.lens, found.poses, board_sigma),
+        views,
+        "flange" if scene.on_flange else "room",
+    )
+    robot = replace(load_robot_toml(ROBOT_FILE), carries_scanner=scene.on_flange)
+    count = len(scene.names)
+    role = np.array(["reference", *["train"] * (count - 1)])
+    poses = Poses(scene.names, role, scene.q, np.full(count, ""), scene.names)
+    return Dataset("simulated", robot, poses, points.points(scene.names), attachments={"camera": views})

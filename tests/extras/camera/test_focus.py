@@ -1,0 +1,89 @@
+"""Images whose focal length changes, and images with something in front of the board: the poses stay honest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.extras.camera.board import board_of
+from calib.extras.camera.detection import Detected, MeasuredViews, measure
+from calib.extras.camera.focus import focus_errors
+from calib.extras.camera.view import View, covariance_of, shared_errors
+from tests.extras.camera.camera_dataset import true_lens
+from tests.support.camera_scene import MATRIX, SIZE_PX, Scene
+
+BOARD = board_of("charuco:9x7:25:18")
+NOISE_PX = 0.03
+
+
+def views_of(rng: np.random.Generator, longer: np.ndarray) -> tuple[Scene, list[View]]:
+    """Views of a scene whose images have focal lengths that are longer by shares."""
+    scene, views = Scene.draw(rng, on_flange=True, poses=len(longer)), []
+    for k, (name, share) in enumerate(zip(scene.names, longer, strict=True)):
+        matrix = MATRIX * np.array([[1.0 + share], [1.0 + share], [1.0]])
+        matrix[:2, 2] = MATRIX[:2, 2]
+        pixels = replace(scene, matrix=matrix).pixels(k, BOARD.corners_mm)
+        number = np.arange(len(pixels))
+        views.append(View(name, number, BOARD.corners_mm, pixels + NOISE_PX * rng.normal(size=pixels.shape)))
+    return scene, views
+
+
+def squared_sigmas(scene: Scene, found: MeasuredViews) -> list[float]:
+    """Squared errors of the poses over what is told of them, a degree of freedom."""
+    out = []
+    for one, shared in zip(found.poses, shared_errors(found.lens, found.poses), strict=True):
+        true = scene.camera_T_board[scene.names.index(one.view.pose)]
+        turn = cv2.Rodrigues(one.camera_T_board[:3, :3] @ true[:3, :3].T)[0].ravel()
+        error = np.concatenate([one.camera_T_board[:3, 3] - true[:3, 3], turn])
+        covariance = covariance_of(one, found.sigma_px) + shared @ shared.T
+        if found.focus is not None:
+            covariance = covariance + focus_errors(found.lens, [one], found.focus)[0]
+        out.append(float(error @ np.linalg.solve(covariance, error)) / 6.0)
+    return out
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.005])
+def test_a_camera_that_focuses_anew_is_told_and_its_distances_keep_to_their_sigmas(spread):
+    rng = np.random.default_rng(3)
+    longer = spread * rng.normal(size=12)
+    scene, views = views_of(rng, longer)
+    found = measure(Detected(BOARD, SIZE_PX, tuple(views), {}, ()), None)
+    if not spread:
+        assert found.focus is None
+    else:
+        assert found.focus is not None
+        assert 0.7 * np.std(longer) < found.focus.spread < 1.4 * np.std(longer)
+    assert found.sigma_px == pytest.approx(NOISE_PX, rel=0.15)
+    weighed = squared_sigmas(scene, found)
+    assert 0.4 < np.mean(weighed) < 1.8
+
+
+def test_corners_of_what_is_in_front_of_the_board_are_left_out_and_an_image_full_of_them_is_named():
+    rng = np.random.default_rng(4)
+    scene, views = views_of(rng, np.zeros(10))
+    for k, count in ((2, 10), (5, 16), (7, 40)):
+        pixels = views[k].pixels.copy()
+        pixels[:count] += rng.uniform(2.0, 12.0, size=(count, 2))
+        views[k] = replace(views[k], pixels=pixels)
+    found = measure(Detected(BOARD, SIZE_PX, tuple(views), {}, ()), None)
+    assert list(found.left_out) == [scene.names[7]]
+    assert found.bad_corners == pytest.approx(26, abs=2)
+    assert found.sigma_px == pytest.approx(NOISE_PX, rel=0.15)
+    assert np.mean(squared_sigmas(scene, found)) < 1.8
+
+
+def test_a_single_marker_keeps_its_four_corners_however_far_one_is_off():
+    marker = board_of("apriltag:60")
+    rng = np.random.default_rng(5)
+    scene = Scene.draw(rng, on_flange=True, poses=8)
+    views = []
+    for k, name in enumerate(scene.names):
+        pixels = scene.pixels(k, marker.corners_mm) + NOISE_PX * rng.normal(size=(4, 2))
+        pixels[0] += 3.0 * (k == 2)
+        views.append(View(name, np.arange(4), marker.corners_mm, pixels))
+    found = measure(Detected(marker, SIZE_PX, tuple(views), {}, ()), true_lens())
+    assert found.bad_corners == 0
+    assert all(len(one.view.corner) == 4 for one in found.poses)

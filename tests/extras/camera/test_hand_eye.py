@@ -1,0 +1,194 @@
+"""A camera on the flange or in the room: places, their covariance, and whether arm or camera errs, beside the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calib import calibrate
+from calib.calibration.mount import camera_places
+from calib.calibration.result import declared_sigma_mm
+from calib.dataset.files.points_csv import points_frame
+from calib.extras.camera.arm_or_camera import arm_or_camera
+from calib.extras.camera.board import board_of
+from calib.extras.camera.reprojection import reprojected_views, rms_px
+from calib.extras.camera.view import covariance_of
+from inspector.figures import reprojection, to_svg
+from tests.extras.camera.camera_dataset import simulated_dataset, simulated_views, true_lens
+from tests.support.camera_scene import Scene, flange, nominal_table
+
+BOARD = board_of("charuco:8x6:30:22")
+
+
+def place_errors(scene: Scene, place) -> np.ndarray:
+    """Error (6,), mm and rad, of a camera's place along and about its parent's axes."""
+    found, true = place.parent_T_camera, scene.parent_T_camera
+    turn = Rotation.from_matrix(found[:3, :3] @ true[:3, :3].T).as_rotvec()
+    return np.concatenate([found[:3, 3] - true[:3, 3], turn])
+
+
+def test_poses_of_views_are_as_certain_as_their_covariances_say():
+    rng = np.random.default_rng(3)
+    scene = Scene.draw(rng, on_flange=True, poses=12)
+    squares = []
+    for _ in range(6):
+        for one in (found := simulated_views(scene, BOARD, rng, sigma_px=0.2, lens=true_lens())).poses:
+            true = scene.camera_T_board[scene.names.index(one.view.pose)]
+            turn = Rotation.from_matrix(true[:3, :3] @ one.camera_T_board[:3, :3].T).as_rotvec()
+            error = np.concatenate([true[:3, 3] - one.camera_T_board[:3, 3], turn])
+            squares.append(error @ np.linalg.solve(covariance_of(one, found.sigma_px), error))
+    assert len(squares) >= 60
+    assert np.mean(squares) == pytest.approx(6.0, abs=4.0 * np.sqrt(12.0 / len(squares)))
+
+
+@pytest.mark.parametrize("on_flange", [True, False])
+def test_a_camera_is_found_within_its_sigmas_and_better_than_opencv_finds_it(on_flange):
+    rng = np.random.default_rng(11)
+    scene = Scene.draw(rng, on_flange=on_flange, poses=20)
+    dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1)
+    calibration = calibrate(dataset, residual="pose")
+    assert calibration.holds_table
+    (place,) = camera_places(calibration)
+    error = place_errors(scene, place)
+    assert error @ np.linalg.solve(place.covariance, error) < 22.5  # 0.1 % of six degrees of freedom
+    assert place.sigma_mm.max() < 0.15
+    views = reprojected_views(calibration)
+    assert len(views) == len(dataset.points)
+    assert rms_px(views) == pytest.approx(0.1, rel=0.1)  # the noise, as all else was found
+    first = views[3]
+    true = scene.pixels(scene.names.index(first.view.pose), first.view.board_mm)
+    assert np.abs(first.predicted - true).max() < 0.3
+    drawn = reprojection(calibration)
+    worst = max(views, key=lambda one: one.rms_px)
+    assert worst.view.pose in drawn.layout.title.text
+    assert np.allclose(np.column_stack([drawn.data[1].x, drawn.data[1].y]), worst.view.pixels)
+    assert to_svg(drawn).count("<circle") + to_svg(drawn).count("<use") + to_svg(drawn).count("<path") > 2
+    assert "Reprojection" in calibration._repr_html_()
+    board = place.board_parent_T_board[:3, 3] - scene.parent_T_board[:3, 3]
+    assert np.linalg.norm(board) < 0.2
+    robot = np.array([flange(nominal_table(), q) for q in scene.q])
+    robot = robot if on_flange else np.linalg.inv(robot)
+    turns, shifts = dataset.points.orientations.scanner_R_jig, dataset.points.xyz_mm
+    _, theirs = cv2.calibrateHandEye(list(robot[:, :3, :3]), list(robot[:, :3, 3]), list(turns), list(shifts))
+    assert np.linalg.norm(error[:3]) < np.linalg.norm(theirs.ravel() - scene.parent_T_camera[:3, 3])
+
+
+def test_a_board_of_a_slightly_other_size_moves_no_camera():
+    """Taken as exact, it puts the camera 1 mm off and more, ten sigmas and more: the links take the size up."""
+    rng = np.random.default_rng(5)
+    scene = Scene.draw(rng, on_flange=True, poses=16)
+    dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=true_lens(), swell=1.003, board_sigma=0.001)
+    calibration = calibrate(dataset, residual="pose")
+    assert calibration.holds_table
+    (place,) = camera_places(calibration)
+    error = place_errors(scene, place)
+    assert error @ np.linalg.solve(place.covariance, error) < 22.5  # 0.1 % of six degrees of freedom
+    assert np.linalg.norm(error[:3]) < 0.15
+    # What is left is the corners' noise: the size that was found is taken off places, attitudes and pixels.
+    noise_mm = np.sqrt(3.0) * declared_sigma_mm(dataset)
+    assert calibration.after.train.rmse_mm == pytest.approx(noise_mm, rel=0.3)
+    assert rms_px(reprojected_views(calibration)) == pytest.approx(0.1, rel=0.1)
+    assert calibration.dataset.points.shared_found == pytest.approx([-3.0], abs=0.3)  # measured 0.3 % too short
+
+
+def test_what_all_points_share_is_found_again_from_points_that_are_free_of_it():
+    rng = np.random.default_rng(6)
+    scene = Scene.draw(rng, on_flange=False, poses=14, link_mm=0.5, link_deg=0.05)
+    dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, swell=1.001, board_sigma=0.001)
+    first = calibrate(dataset, residual="pose")
+    again = calibrate(first.dataset, residual="pose")
+    found = first.dataset.points.shared_found
+    assert np.abs(found).max() > 0.3
+    assert again.dataset.points.shared_found == pytest.approx(found, abs=1e-3)
+    assert again.fit.x == pytest.approx(first.fit.x, abs=1e-5)
+    written, measured = (points_frame(one.poses, one.points) for one in (first.dataset, dataset))
+    assert np.allclose(written.to_numpy()[:, 1:].astype(float), measured.to_numpy()[:, 1:].astype(float), atol=1e-9)
+    rows = np.array([3, 5])
+    kept = first.dataset.points.select(rows)
+    assert kept.free_of(None).xyz_mm == pytest.approx(dataset.points.xyz_mm[rows], abs=1e-9)
+
+
+@pytest.mark.thorough
+def test_held_links_give_a_camera_as_good_as_opencvs_where_the_arm_errs():
+    ours, theirs = [], []
+    for seed in range(3):
+        rng = np.random.default_rng(60 + seed)
+        scene = Scene.draw(rng, on_flange=True, poses=15, link_mm=1.0, link_deg=0.1)
+        dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=true_lens())
+        calibration = calibrate(dataset, residual="pose", fixed=["links"])
+        assert all(name != "links" for name in calibration.options.fixed)
+        assert not np.any(calibration.fit.x[[p.name == "a2" for p in calibration.fit.parameters]])
+        ours.append(place_errors(scene, camera_places(calibration)[0]))
+        robot = np.array([flange(nominal_table(), q) for q in scene.q])
+        points = dataset.points
+        turn, shift = cv2.calibrateHandEye(
+            list(robot[:, :3, :3]), list(robot[:, :3, 3]), list(points.orientations.scanner_R_jig), list(points.xyz_mm),
+            method=cv2.CALIB_HAND_EYE_PARK,
+        )  # fmt: skip
+        off = Rotation.from_matrix(turn @ scene.parent_T_camera[:3, :3].T).as_rotvec()
+        theirs.append(np.concatenate([shift.ravel() - scene.parent_T_camera[:3, 3], off]))
+    rms = [np.sqrt(np.mean(np.square(each), axis=0)) for each in (ours, theirs)]
+    assert np.linalg.norm(rms[0][:3]) < 1.15 * np.linalg.norm(rms[1][:3])
+    assert np.linalg.norm(rms[0][3:]) < 1.15 * np.linalg.norm(rms[1][3:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("what", "likeliest"), [("nothing", "neither"), ("arm", "arm"), ("lens", "camera"), ("board", "camera")]
+)
+def test_the_likeliest_of_arm_and_camera_is_what_was_wrong(what, likeliest):
+    rng = np.random.default_rng(21)
+    scene = Scene.draw(rng, on_flange=True, poses=16, link_mm=0.3 * (what == "arm"), link_deg=0.03 * (what == "arm"))
+    lens = true_lens()
+    if what == "lens":
+        lens = replace(lens, numbers=(1.003 * lens.numbers[0], 1.003 * lens.numbers[1], *lens.numbers[2:]))
+    swell = 1.005 if what == "board" else 1.0
+    dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=None if what == "board" else lens, swell=swell)
+    found = arm_or_camera(calibrate(dataset, residual="pose"))
+    assert found.likeliest == likeliest
+    assert sum(found.probabilities.values()) == pytest.approx(1.0)
+    assert abs(found.board_size - swell) < 4.0 * found.board_size_sigma
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("lens_is_given", [True, False])
+@pytest.mark.parametrize("on_flange", [True, False])
+def test_places_of_many_cameras_are_as_certain_as_promised(on_flange, lens_is_given):
+    squares = []
+    for seed in range(40):
+        rng = np.random.default_rng(1000 + seed)
+        scene = Scene.draw(rng, on_flange=on_flange, poses=25)
+        lens = true_lens() if lens_is_given else None
+        dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=lens)
+        (place,) = camera_places(calibrate(dataset, residual="pose", fixed=["links"]))
+        error = place_errors(scene, place)
+        squares.append(error @ np.linalg.solve(place.covariance, error))
+    assert 4.4 < np.mean(squares) < 8.0  # 6 for a covariance that is right; its own sigma is 0.55
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(1200)
+def test_links_found_by_a_camera_are_as_certain_as_promised():
+    squares, dof = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(2000 + seed)
+        scene = Scene.draw(rng, on_flange=True, poses=30, link_mm=1.0, link_deg=0.5)
+        calibration = calibrate(simulated_dataset(scene, BOARD, rng, sigma_px=0.1), residual="pose")
+        error_of = dict(
+            zip(
+                (f"{kind}{j + 1}" for j in range(6) for kind in ("a", "alpha", "d", "theta", "beta")),
+                (scene.true_table - nominal_table()).ravel(),
+                strict=True,
+            )
+        )
+        names = [p.name for p in calibration.fit.parameters]
+        rows = [i for i, name in enumerate(names) if name in error_of]
+        error = calibration.fit.x[rows] - np.array([error_of[names[i]] for i in rows])
+        squares.append(error @ np.linalg.solve(calibration.fit.covariance[np.ix_(rows, rows)], error))
+        dof.append(len(rows))
+    assert np.mean(squares) == pytest.approx(np.mean(dof), rel=0.2)
