@@ -12,10 +12,11 @@ One that cannot be imported is left out and told by `left_out`; everything else 
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
+from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any, TypeVar
 
@@ -83,11 +84,14 @@ def load(place: str) -> Any:
 
 @cache
 def _walked(package: str) -> _Plugins:
-    """Plug-ins in the folders of a package; none where the package itself is not there."""
-    spec = find_spec(package)
-    folders = () if spec is None else (spec.submodule_search_locations or ())
-    names = sorted(found.name for found in iter_modules(folders) if found.ispkg)
-    return _imported([(name, f"{package}.{name}.{_MODULE}") for name in names])
+    """Plug-ins in the folders of a package; none where the package itself is not there.
+
+    It is sought where the package above it was found: another checkout, installed beside this one, has no say.
+    """
+    above, _, name = package.rpartition(".")
+    places = import_module(above).__path__ if above else sys.path
+    names = sorted(found.name for found in iter_modules([str(Path(place, name)) for place in places]) if found.ispkg)
+    return _imported([(found, f"{package}.{found}.{_MODULE}") for found in names])
 
 
 @cache
