@@ -24,7 +24,7 @@ _NAMES = {
     "calib.api.plans": ("plan",),
     "calib.api.validation": ("check", "compare", "cross_validate", "learning_curve", "repeat"),
     "calib.calibration.result": ("Calibration",),
-    "calib.compensation.target_correction": ("Correction",),
+    "calib.compensation.correction": ("Correction",),
     "calib.corners.batch": ("CornerBatch",),
     "calib.corners.intersection": ("Corner", "Intersection", "intersect_planes"),
     "calib.corners.search": ("CornerSearch", "find_corner"),

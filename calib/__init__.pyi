@@ -13,7 +13,7 @@ from calib.api.validation import cross_validate as cross_validate
 from calib.api.validation import learning_curve as learning_curve
 from calib.api.validation import repeat as repeat
 from calib.calibration.result import Calibration as Calibration
-from calib.compensation.target_correction import Correction as Correction
+from calib.compensation.correction import Correction as Correction
 from calib.corners.batch import CornerBatch as CornerBatch
 from calib.corners.intersection import Corner as Corner
 from calib.corners.intersection import Intersection as Intersection

@@ -1,15 +1,15 @@
 """Base class of results with a presentation: as plain data, as text, as HTML in a notebook.
 
 A result holds facts and no sentences. What is told of it is made in `calib.present`, which stands above all results and
-knows each of them; the one import upwards is here, made when a result is first asked for its telling.
+knows each of them, and is loaded by name when a result is first asked for its telling.
 """
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import Any, Protocol
 
 from calib.brief import Brief
+from calib.plugins import load
 
 
 class Printer(Protocol):
@@ -52,7 +52,5 @@ class Presented(Brief):
         cls._repr_pretty_ = Presented._repr_pretty_  # type: ignore[method-assign]
 
 
-def _present() -> ModuleType:
-    from calib import present
-
-    return present
+def _present() -> Any:
+    return load("calib.present")

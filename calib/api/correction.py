@@ -8,7 +8,8 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from calib.compensation.attitude import FitKnowledge
-from calib.compensation.target_correction import Correction, Corrects, correction_of
+from calib.compensation.correction import Correction, Corrects
+from calib.compensation.target_correction import correction_of
 from calib.dataset.dataset import Poses
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
+from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.distributions import chi2_ppf
@@ -50,7 +50,7 @@ def noise_level(calibration: Calibration) -> NoiseLevel:
     dataset = calibration.dataset
     assert dataset.points is not None
     coordinates = dataset.points.coordinates
-    if is_declared(dataset):
+    if dataset.declares_noise:
         return NoiseLevel(declared_sigma_mm(dataset), DECLARED, 1.0, coordinates)
     repeats = noise_of_repeats(dataset)
     if repeats is not None:  # of one point, which counts as one of 1 mm
@@ -97,5 +97,5 @@ def check_sigma(calibration: Calibration) -> SigmaCheck:
     low = high = float("nan")
     if np.isfinite(sigma):
         low, high = (sigma * float(np.sqrt(dof / chi2_ppf(share, dof))) for share in (0.975, 0.025))
-    declared = declared_sigma_mm(calibration.fitted_dataset) if is_declared(dataset) else None
+    declared = declared_sigma_mm(calibration.fitted_dataset) if dataset.declares_noise else None
     return SigmaCheck(sigma, low, high, declared, dof)

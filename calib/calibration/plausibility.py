@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.calibration.calibrate import fit_measured
-from calib.calibration.result import Calibration, is_declared
+from calib.calibration.result import Calibration
 from calib.distributions import chi2_ppf
 from calib.effects.effect import exceeded_bound, full_name
 from calib.errors import FitError
@@ -85,7 +85,7 @@ def too_good(calibration: Calibration) -> str:
     The noise is the declared sigma or, without one, that of the best instruments for arms.
     """
     fit, dataset = calibration.fit, calibration.dataset
-    declared = is_declared(dataset)
+    declared = dataset.declares_noise
     floor = Observations.of(dataset).noise_floor
     dof = fit.degrees_of_freedom
     if not (np.isfinite(fit.reduced_chi) and fit.reduced_chi < FAR_BELOW * floor):

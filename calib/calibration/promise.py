@@ -34,6 +34,7 @@ from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
+from calib.fitting.discrepancy import Discrepancy, distances
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points
 from calib.statistics import covariance_root, left_out_by
@@ -46,41 +47,9 @@ of their own (docs/measured.md), between 1.08 and 1.35 where the recordings of a
 _GROUPS = (1, 2, 4, 8, 16, 32)  # poses that are left out together
 _MOST_GROUPS = 400  # of each size, spread evenly over the poses
 _LEAST_LEFT = 0.5  # share of the poses that has to be left for the fit without a group
-_MANY_PAIRS = 10_000_000  # of poses, from which a tree finds the nearest
 _REGIONS = (4, 8, 16)  # of joint space, that are left out one by one
 _MOST_MEANS = 20  # iterations of k-means
 _GRID = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 61)])  # discrepancies that are tried, in units of the noise
-
-
-@dataclass(frozen=True, eq=False)
-class Discrepancy(Brief):
-    """Variance per coordinate of what a model is known to miss: a + b r, r the distance to the nearest training pose.
-
-    The distance of two joint vectors is the root mean square over the joints of their difference, each over its scale.
-    """
-
-    constant_mm2: float  # a
-    growth_mm2: float  # b
-    trained: Array  # (T, n) joint vectors of the training poses, rad or mm
-    scale: Array  # (n,) range of each joint over them, rad or mm
-
-    def distance(self, q: Array) -> Array:
-        """Distance (N,) of joint vectors (N, n) from the nearest training pose."""
-        if len(q) * len(self.trained) > _MANY_PAIRS:
-            from scipy.spatial import cKDTree  # of so many poses only: it takes a while to load
-
-            nearest = cKDTree(self.trained / self.scale).query(q / self.scale)[0]
-            return np.asarray(nearest / np.sqrt(self.trained.shape[1]))
-        return np.array([distances(joints, self.trained, self.scale).min() for joints in q])
-
-    def variance_mm2(self, q: Array) -> Array:
-        """Variance (N,) per coordinate at joint vectors (N, n)."""
-        return np.asarray(self.constant_mm2 + self.growth_mm2 * self.distance(q))
-
-
-def distances(q: Array, others: Array, scale: Array) -> Array:
-    """Distance (N,) of a joint vector (n,) from others (N, n): RMS over the joints, each over its scale."""
-    return np.asarray(np.sqrt(np.mean(((others - q) / scale) ** 2, axis=-1)))
 
 
 @dataclass(frozen=True)

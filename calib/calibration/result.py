@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from calib.array_types import Array
 from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations
+from calib.compensation.correction import Correction, Corrects
 from calib.dataset.dataset import Dataset, FaceLabelling, Poses
 from calib.dataset.repeats import RepeatCount, without_poses
 from calib.dataset.trained_range import TrainedRange
@@ -27,12 +28,9 @@ from calib.kinematics.cartesian import require_links
 from calib.kinematics.robot import PARAMETER_KINDS, TOOL_POINT, Robot
 from calib.lazy_modules import pd
 from calib.options import FitOptions
+from calib.plugins import load
 from calib.presented import Presented
 from calib.statistics import axis_sigma, rms
-
-if TYPE_CHECKING:
-    from calib.compensation.target_correction import Correction
-    from calib.models.fitted_model import FittedModel
 
 
 @dataclass(frozen=True)
@@ -45,11 +43,32 @@ class IterationErrors:
     test_distance_rmse_mm: float
 
 
+class PortableModel(Corrects, Protocol):
+    """What a result gives of itself without its measurements: a `calib.FittedModel`."""
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (P, P) of the free parameters."""
+        ...
+
+    def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = TOOL_POINT) -> Array:
+        """A target's position (N, 3), mm in the base frame, at joint vectors (N, n)."""
+        ...
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as model.json."""
+        ...
+
+    def to_json(self) -> str:
+        """Content of model.json."""
+        ...
+
+
 class FittedResult:
     """Base of results that hold a fitted model: access to parameters, prediction, correction and files.
 
-    Models as files and corrections are above calibrations, whose values they take. So they are imported where they are
-    asked for; pyproject.toml names these imports as the only ones that go up.
+    Models as files and corrections stand above calibrations, whose values they take, and are loaded by name when a
+    result is asked for them.
     """
 
     @property
@@ -58,11 +77,10 @@ class FittedResult:
         raise NotImplementedError
 
     @property
-    def fitted_model(self) -> FittedModel:
+    def fitted_model(self) -> PortableModel:
         """Fitted model without the dataset, as `load_model` gives it: robot, effects, values, covariance."""
-        from calib.models.fitted_model import FittedModel
-
-        return FittedModel.of(self.calibration)
+        model: PortableModel = load("calib.models.fitted_model:FittedModel").of(self.calibration)
+        return model
 
     @property
     def parameters(self) -> pd.DataFrame:
@@ -119,9 +137,7 @@ class FittedResult:
             FitError: the fit did not converge or is worse on the test poses.
             CalibError: another suffix, or a template that is of another arm.
         """
-        from calib.models.exported_table import exported_table
-
-        table = exported_table(self.calibration)
+        table = load("calib.models.exported_table:exported_table")(self.calibration)
         table.require_improvement(force=force)
         table.save(path, template)
 
@@ -173,7 +189,7 @@ class Calibration(FittedResult, Presented):
         return self
 
     @cached_property
-    def fitted_model(self) -> FittedModel:
+    def fitted_model(self) -> PortableModel:
         """Fitted model without the dataset, as `load_model` gives it: robot, effects, values, covariance."""
         return super().fitted_model
 
@@ -320,17 +336,10 @@ class Calibration(FittedResult, Presented):
         return f"{self.dataset.name}: {len(self.dataset.poses)} poses, {errors}, effects: {effects}"
 
 
-def is_declared(dataset: Dataset) -> bool:
-    """Whether a dataset declares the noise of its points."""
-    points, scanner = dataset.points, dataset.scanner
-    declared = scanner.point_sigma_mm is not None and not scanner.sigmas_estimated
-    return declared or (points is not None and points.covariance_mm2 is not None)
-
-
 def times_declared_noise(calibration: Calibration) -> float | None:
     """Residual of a fit over the noise that dataset.toml declares; None where it declares none."""
     ratio = calibration.fit.reduced_chi
-    return float(ratio) if is_declared(calibration.dataset) and np.isfinite(ratio) else None
+    return float(ratio) if calibration.dataset.declares_noise and np.isfinite(ratio) else None
 
 
 def declared_sigma_mm(dataset: Dataset) -> float:

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.promise import Discrepancy
 from calib.dataset.dataset import Poses
 from calib.dataset.trained_range import TrainedRange
+from calib.fitting.discrepancy import Discrepancy
 from calib.fitting.model import Model
 from calib.frames import frame_motion
 from calib.kinematics.robot import TOOL_POINT

@@ -18,8 +18,9 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.compensation.correction import Correction, Corrects
 from calib.compensation.postures import Place, Posture, flange_frames, postures_at, tool_row
-from calib.compensation.target_correction import Correction, Corrects, correction_of
+from calib.compensation.target_correction import correction_of
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers

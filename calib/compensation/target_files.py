@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.compensation.target_correction import Correction
+from calib.compensation.correction import Correction
 from calib.dataset.dataset import Poses
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import internal

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.calibration.evaluation import Evaluation
-from calib.calibration.result import Calibration, is_declared
+from calib.calibration.result import Calibration
 from calib.consistency.agreement import Sample, misfit_mm, points_of_poses, training_sample
 from calib.consistency.hypotheses import (
     JOINT_SIGN,
@@ -126,7 +126,7 @@ class Suspicions:
 
 def is_quiet(now: Calibration) -> bool:
     """Whether the residual is no larger than the declared noise and no link parameter is implausible."""
-    return is_declared(now.dataset) and now.fit.reduced_chi < QUIET and not _is_bent(now)
+    return now.dataset.declares_noise and now.fit.reduced_chi < QUIET and not _is_bent(now)
 
 
 def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = (), by_places: Refit | None = None) -> Suspicions:
@@ -227,7 +227,7 @@ def problem_given_effects(
         for model in models:
             least, most_noise = MIN_LEAD, NOT_NOISIER * now.fit.reduced_chi
             if not model.without:
-                reached = REACHES_NOISE if is_declared(now.dataset) else 0.0
+                reached = REACHES_NOISE if now.dataset.declares_noise else 0.0
                 least, most_noise = (
                     MIN_GAIN,
                     max(now.fit.reduced_chi / LEAST_FACTOR, min(reached, 0.9 * now.fit.reduced_chi)),

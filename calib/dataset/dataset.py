@@ -406,6 +406,12 @@ class Dataset(Presented):
             return True
         return self.jig_is_declared and bool(np.all(self.points.target == "jig"))
 
+    @property
+    def declares_noise(self) -> bool:
+        """Whether the noise of the points is declared, by dataset.toml or by covariances of the points."""
+        declared = self.scanner.point_sigma_mm is not None and not self.scanner.sigmas_estimated
+        return declared or (self.points is not None and self.points.covariance_mm2 is not None)
+
     def with_points(self, points: Points) -> Dataset:
         """The dataset with these measured points, except those of poses that are left out."""
         gone = [self.poses.index(pose_id) for pose_id in self.left_out]

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.calibration.held_out import in_gap_of_step
 from calib.calibration.plausibility import beyond_nature
-from calib.calibration.result import Calibration, is_declared
+from calib.calibration.result import Calibration
 from calib.dataset.repeats import repeat_groups
 from calib.diagnosis.verdict import Refusal
 from calib.fitting.observations import mean_by_pose
@@ -203,7 +203,7 @@ def may_be_curves(best: Candidate, calibration: Calibration, screening: Screenin
     """
     if not best.family.sparse:
         return False
-    if not is_declared(calibration.dataset):
+    if not calibration.dataset.declares_noise:
         return True
     projected = screening.projected
     total = float(projected.residual @ projected.residual)

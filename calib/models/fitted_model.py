@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
-from calib.calibration.promise import Discrepancy, FitUncertainty, PointPromise, fit_uncertainty, promised_at_points
+from calib.calibration.promise import FitUncertainty, PointPromise, fit_uncertainty, promised_at_points
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.compensation.attitude import FitKnowledge
-from calib.compensation.target_correction import Correction, correction_of, needed_columns, plain_poses
+from calib.compensation.correction import Correction
+from calib.compensation.target_correction import correction_of, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
@@ -25,6 +26,7 @@ from calib.dataset.input_names import CONDITIONS, quantity_of
 from calib.dataset.repeats import without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
+from calib.fitting.discrepancy import Discrepancy
 from calib.fitting.model import Model
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.kinematics.tool_point import tool_point_of

@@ -17,7 +17,6 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.calibration.evaluation import Figures
-from calib.calibration.promise import Discrepancy
 from calib.calibration.result import FittedResult
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
@@ -29,6 +28,7 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Effect
 from calib.effects.state import RobotState, Seen
 from calib.errors import CalibError, FitError, ModelFileError
+from calib.fitting.discrepancy import Discrepancy
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import with_own_tool_point

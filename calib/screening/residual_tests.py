@@ -17,7 +17,6 @@ from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
 from calib.calibration.noise_level import noise_of_repeats
-from calib.calibration.result import is_declared
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
@@ -241,7 +240,7 @@ def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float 
         if rest > 0:
             ratio = max(square - pure, 0.0) / rest / (noise_mm / declared_mm) ** 2
             return f_sf(ratio, rest, dof), noise_mm, "repeats", residual_mm
-    if is_declared(dataset):
+    if dataset.declares_noise:
         doubted = square / SIGMA_DOUBT**2
         return chi2_sf(doubted, projected.dof), declared_mm, "dataset", residual_mm
     return None, residual_mm, "fit", residual_mm

@@ -15,7 +15,7 @@ from calib.calibration.held_out import HeldOutTest, held_out_test
 from calib.calibration.noise_level import FIT, NoiseLevel, check_sigma, noise_level
 from calib.calibration.plausibility import fit_without_outliers, implausibility_reason, too_good
 from calib.calibration.promise import learned_discrepancy
-from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
+from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.consistency.data_problem import DataProblem
 from calib.corners.search import CornerSearch
@@ -293,7 +293,7 @@ def _corners(searches: Mapping[str, CornerSearch]) -> CheckItem:
 
 def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
     sigma_mm = pooled_sigma_mm(repeats)
-    hopeless = is_declared(dataset) and sigma_mm > MAX_SIGMA_RATIO * declared_sigma_mm(dataset)
+    hopeless = dataset.declares_noise and sigma_mm > MAX_SIGMA_RATIO * declared_sigma_mm(dataset)
     scatter = scatter_against_covariances(dataset)
     doubtful = scatter is not None and scatter.ratio > _MORE_SCATTER and scatter.p_value < _BY_CHANCE
     found = RepeatScatter(
@@ -380,7 +380,7 @@ def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
 
 def _too_good(name: str, calibration: Calibration) -> list[CheckItem]:
     """Check item on a residual far below the declared noise (failed) or with no declared noise (warning)."""
-    words, declared = too_good(calibration), is_declared(calibration.dataset)
+    words, declared = too_good(calibration), calibration.dataset.declares_noise
     return [CheckItem(name, False if declared else None, words, warning=not declared)] if words else []
 
 
@@ -392,7 +392,7 @@ def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
         return [CheckItem("model", False, doubt)]
     if surprise := _too_good("model", last):
         return surprise
-    if not is_declared(last.dataset) or not last.fit.reduced_chi > MAX_LEFT_RATIO:
+    if not last.dataset.declares_noise or not last.fit.reduced_chi > MAX_LEFT_RATIO:
         return []
     left = ResidualOfDiagnosis(last.sigma_mm, last.fit.reduced_chi, bool(last.model.family_names))
     return [CheckItem("noise", False, left)]
@@ -402,7 +402,7 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
     noise = calibration.fit.reduced_chi
     if not np.isfinite(noise):
         return []
-    declared, doubt = is_declared(calibration.dataset), implausibility_reason(calibration)
+    declared, doubt = calibration.dataset.declares_noise, implausibility_reason(calibration)
     if not doubt and (surprise := _too_good("residual", calibration)):
         return surprise
     meaning: Literal["", "implausible", "excess", "below"] = ""

@@ -40,7 +40,7 @@ def run_correct(options: CorrectOptions) -> int:
     require_plausible(result, options.force)
     if result.tool_shift is not None:
         print(visible(f"inspector: warning: {tool_shift_sentence(result.tool_shift)}"), file=sys.stderr)
-    return write(result.fitted_model)
+    return write(FittedModel.of(result.calibration))
 
 
 def _correct(options: CorrectOptions, dataset: Dataset) -> Callable[[FittedModel], int]:

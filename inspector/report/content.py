@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
-from calib.compensation.target_correction import Correction
+from calib.compensation.correction import Correction
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.origin import Origin
 from calib.diagnosis.result import Diagnosis

@@ -10,7 +10,6 @@ import pytest
 from calib import calibrate, frames
 from calib.calibration.promise import (
     NEW_PLACE,
-    Discrepancy,
     fit_uncertainty,
     learned_discrepancy,
     misfit_inflation,
@@ -21,6 +20,7 @@ from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import prediction_covariance_at
 from calib.dataset.dataset import Dataset, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
+from calib.fitting.discrepancy import Discrepancy
 from calib.kinematics.robot import Robot
 from calib.simulation.simulate import simulate_dataset
 from tests.support import SHARED_DATA

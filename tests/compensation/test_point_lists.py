@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from calib import calibrate, corrected_joints
 from calib.array_types import Array
-from calib.compensation.target_correction import Correction
+from calib.compensation.correction import Correction
 from calib.compensation.target_files import corrected_points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from calib import calibrate, corrected_joints, frames
 from calib.calibration.promise import promise
-from calib.compensation.target_correction import Correction
+from calib.compensation.correction import Correction
 from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Poses
 from calib.dataset.files.folder import load_dataset, write_dataset

@@ -16,8 +16,9 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.calibration.promise import Discrepancy, distances, learned_with_gain, misfit_inflation
+from calib.calibration.promise import learned_with_gain, misfit_inflation
 from calib.calibration.result import Calibration
+from calib.fitting.discrepancy import Discrepancy, distances
 from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import whitener
 from calib.statistics import covariance_root

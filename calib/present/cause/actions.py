@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
-from calib.compensation.target_correction import Correction
+from calib.compensation.correction import Correction
 from calib.diagnosis.headline import Headline
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import descriptions

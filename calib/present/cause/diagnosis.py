@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.array_types import BoolArray
 from calib.calibration.promise import promise
-from calib.calibration.result import Calibration, is_declared
+from calib.calibration.result import Calibration
 from calib.calibration.table_doubts import doubtful_entries
 from calib.consistency.leading_entry import leading_entry
 from calib.diagnosis.causes import FittedValue, fitted_values, visible_mm
@@ -237,7 +237,7 @@ def _first_fit(calibration: Calibration) -> str:
     measured, rmse = ("measured length", "RMSE") if of_lengths else ("measured point", "3D RMSE")
     instrument = "scanner" if dataset.shows_faces else "instrument"
     ratio = (
-        f", {numbers.times(fit.reduced_chi)} the declared noise" if is_declared(dataset) else "; no noise is declared"
+        f", {numbers.times(fit.reduced_chi)} the declared noise" if dataset.declares_noise else "; no noise is declared"
     )
     errors = (
         f"; the {rmse} is {numbers.length(train.rmse_mm)} at the training poses, {numbers.length(test.rmse_mm)} at "

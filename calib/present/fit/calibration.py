@@ -15,7 +15,7 @@ from calib.calibration.model_versions import Version
 from calib.calibration.mount import CameraPlace, Mount, camera_places, mounts
 from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.promise import promise
-from calib.calibration.result import Calibration, is_declared
+from calib.calibration.result import Calibration
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries, taken_up_by_links
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
@@ -125,7 +125,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     if calibration.holds_table:
         facts.append(("links", "as robot.toml has them, as far as these points tell: they are held there"))
     if np.isfinite(calibration.sigma_mm):
-        times = f", {numbers.times(fit.reduced_chi)} the declared" if is_declared(calibration.dataset) else ""
+        times = f", {numbers.times(fit.reduced_chi)} the declared" if calibration.dataset.declares_noise else ""
         facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
     covered = coverage_words(promise(calibration))
     if covered:
@@ -213,7 +213,7 @@ def fit_sentence(calibration: Calibration) -> str:
     """Sentence on convergence, size and rank of the fit, and on the residual over the declared sigma."""
     fit = calibration.fit
     state = "converged" if fit.converged else "not converged"
-    declared = is_declared(calibration.dataset)
+    declared = calibration.dataset.declares_noise
     residual = f", residual {numbers.times(fit.reduced_chi)} the points' sigma" if declared else ""
     return (
         f"{state} after {_iterations(calibration)} ({fit.reason}); {numbers.count(fit.rows, 'equation')}, "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.calibration.noise_level import noise_level
-from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
+from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import ROLES, Dataset
 from calib.measurement.measured_points import failed_searches
@@ -120,7 +120,7 @@ def _noise(dataset: Dataset, calibration: Calibration | None) -> str:
         level = noise_level(calibration)
         length = f"{numbers.length(level.sigma_mm)} per coordinate"
         return length if level.is_declared else f"none; {level.name}: {length}"
-    if not is_declared(dataset):
+    if not dataset.declares_noise:
         return "none"
     sigma_mm = dataset.scanner.point_sigma_mm
     if dataset.points is not None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.compensation.target_correction import Correction
+from calib.compensation.correction import Correction
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Facts, Paragraph, Presentation, Table

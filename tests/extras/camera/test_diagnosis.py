@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from calib import FitOptions, calibrate, diagnose, load_dataset
-from calib.calibration.result import is_declared
 from calib.dataset.dataset import Dataset
 from calib.extras.camera.arm_or_camera import arm_or_camera
 from calib.extras.camera.board import board_of
@@ -79,7 +78,7 @@ def test_marker_poses_of_an_arm_with_link_errors_hide_no_effect(tmp_path, capsys
     assert main(told) == 0
     assert "which a fit of the links leaves" in capsys.readouterr().out
     dataset = load_dataset(tmp_path / "cell")
-    assert not is_declared(dataset)
+    assert not dataset.declares_noise
     assert dataset.scanner.point_sigma_mm < 0.25  # the effect is part of what is left
     assert dataset.usual_residual == "pose"
     found = diagnose(dataset)
