@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -12,7 +12,6 @@ from calib.extras.fleet.discovery import Discovered
 from calib.extras.fleet.drift import Drift, DriftTask, compare, consecutive, not_compared
 from calib.extras.fleet.judge import FleetOptions, Judged, Task, Unchanged, judge, one_line, pair_key
 from calib.extras.fleet.kept_results import KeptResults
-from calib.extras.fleet.processes import WorkerDied
 from calib.extras.fleet.result import Fleet
 from calib.extras.fleet.row import Failure, Row
 from calib.extras.fleet.shared_causes import shared_causes
@@ -102,7 +101,12 @@ class _Stored:
 def _judged_twice(
     paths: Sequence[str], folder: Path, kept: KeptResults, workers: Workers, options: FleetOptions
 ) -> Iterator[_Stored | Unchanged | Failure]:
-    """Result of each dataset once known and stored; a failure is reported only after a second try."""
+    """Result of each dataset once known and stored; a failure is reported only after a second try.
+
+    A process that dies takes along what the others are at: those that are lost are tried one by one, and last.
+    """
+    lost: list[str] = []
+    failed: list[str] = []
 
     def tasks(of: Iterable[str]) -> Iterator[Task]:
         for path in of:
@@ -110,28 +114,27 @@ def _judged_twice(
             known = "" if before is None else before.key
             yield Task(str(folder), path, options, known, workers.own_processes)
 
-    def settled(of: Sequence[str], attempt: int) -> Iterator[_Stored | Unchanged | Failure]:
-        for index, future in _done(judge, tasks(of), workers):
-            outcome = Failure(of[index], _lost(future, options)) if _is_lost(future) else future.result()
+    def settled(of: Sequence[str], attempt: int, by: Workers) -> Iterator[_Stored | Unchanged | Failure]:
+        for index, future in _done(judge, tasks(of), by):
+            is_lost = _is_lost(future)
+            outcome = Failure(of[index], _lost(future, options)) if is_lost else future.result()
             if isinstance(outcome, Judged):
                 kept.store(outcome)
                 yield _Stored(outcome.row.path)
+            elif isinstance(outcome, Failure) and attempt == 1:
+                (lost if is_lost else failed).append(outcome.path)
             else:
                 yield replace(outcome, attempts=attempt) if isinstance(outcome, Failure) else outcome
 
-    again = []
-    for outcome in settled(paths, 1):
-        if isinstance(outcome, Failure):
-            again.append(outcome.path)
-        else:
-            yield outcome
-    yield from settled(sorted(again), 2)
+    yield from settled(paths, 1, workers)
+    yield from settled(sorted(failed), 2, workers)
+    yield from settled(sorted(lost), 2, replace(workers, count=1))
 
 
 def _done(
     function: Callable[[Asked], Answer], items: Iterable[Asked], workers: Workers
 ) -> Iterator[tuple[int, Future[Answer]]]:
-    """Futures as they complete, submitted only as many at a time as can run, so that a dead worker loses only one."""
+    """Futures as they complete, submitted only as many at a time as can run."""
     executor = _Here() if workers.executor is None else workers.executor
     return futures_as_completed(function, items, executor, workers.count)
 
@@ -154,7 +157,7 @@ def _lost(future: Future[Answer], options: FleetOptions) -> str:
     error = CancelledError() if future.cancelled() else future.exception()
     if isinstance(error, CancelledError):
         return "the cluster cancelled it"
-    if isinstance(error, WorkerDied) or type(error).__name__ == "KilledWorker":  # ours, or Dask's
+    if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":  # ours, or Dask's
         return f"the process that was at it died: killed, out of memory, or stuck for more than {options.limit_s:g} s"
     return one_line(f"the worker failed ({type(error).__name__}: {error})")
 
@@ -183,7 +186,8 @@ def _drifts(
     found = [kept.drift(base.path, later.path, key) for (base, later), key in zip(pairs, pair_keys, strict=True)]
     for last_attempt in (False, True):  # those whose worker was lost once more
         waiting = [k for k, drift in enumerate(found) if drift is None]
-        for index, future in _done(compare, (task(pairs[k]) for k in waiting), workers):
+        at_once = replace(workers, count=1) if last_attempt else workers
+        for index, future in _done(compare, (task(pairs[k]) for k in waiting), at_once):
             k = waiting[index]
             if on_progress is not None:
                 on_progress(sum(drift is not None for drift in found), len(found), pairs[k][1].path)

@@ -118,7 +118,7 @@ def test_a_lost_answer_is_asked_for_once_more_after_all_others(folder: Path) -> 
     assert [row.path for row in fleet.rows] == ["a", "deep/er/c"]
     assert {f.path: f.attempts for f in fleet.failures} == {"b": 2, "broken": 2}
     assert "died" in fleet.failures[0].reason
-    assert workers.asked == ["a", "b", "broken", "deep/er/c", "a", "b", "broken"]
+    assert workers.asked == ["a", "b", "broken", "deep/er/c", "broken", "a", "b"]
 
 
 def test_an_exception_and_a_dataset_without_end_cost_only_themselves(
