@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import nan
 
 import numpy as np
 
@@ -64,6 +65,16 @@ class Evaluation(Brief):
     @property
     def test(self) -> Figures | None:
         return self._figures(self.is_test)
+
+    @property
+    def train_rmse_mm(self) -> float:
+        """3D RMSE of the fitted poses; nan where there are none."""
+        return nan if self.train is None else self.train.rmse_mm
+
+    @property
+    def test_rmse_mm(self) -> float:
+        """3D RMSE of the test poses; nan where there are none."""
+        return nan if self.test is None else self.test.rmse_mm
 
     def _figures(self, of_pose: BoolArray) -> Figures | None:
         error = np.linalg.norm(self.error_mm[of_pose[self.pose]], axis=1)

@@ -66,11 +66,6 @@ class CameraPlace(Brief):
         """Standard deviations (3,) of the place along the parent's axes, mm."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
-    @property
-    def turn_sigma_rad(self) -> Array:
-        """Standard deviations (3,) of the attitude about the parent's axes, rad."""
-        return np.sqrt(np.diag(self.covariance)[3:])
-
     def from_tip(self, robot: Robot) -> CameraPlace:
         """The same place in the frame behind the tool row of robot.toml, for a camera on the flange."""
         chain = kinematics.forward(robot.table, np.zeros((1, robot.n_joints)), robot.is_revolute, robot.base_T_first)

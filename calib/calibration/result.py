@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -37,9 +37,9 @@ from calib.statistics import axis_sigma, rms
 class IterationErrors:
     """RMS of 3D and of distance errors at one iteration, mm; nan for test poses where there are none."""
 
-    train_rmse_mm: float
+    train_rmse_mm: float = field(metadata={"key": "rmse_mm"})
     test_rmse_mm: float
-    train_distance_rmse_mm: float
+    train_distance_rmse_mm: float = field(metadata={"key": "distance_rmse_mm"})
     test_distance_rmse_mm: float
 
 
@@ -351,11 +351,10 @@ def _iteration_errors(evaluation: Evaluation) -> IterationErrors:
     def rms_or_nan(values: Array) -> float:
         return rms(values) if len(values) else float("nan")
 
-    train, test = evaluation.train, evaluation.test
     of_test = evaluation.is_test[evaluation.distance_pose]
     return IterationErrors(
-        train.rmse_mm if train else float("nan"),
-        test.rmse_mm if test else float("nan"),
+        evaluation.train_rmse_mm,
+        evaluation.test_rmse_mm,
         rms_or_nan(evaluation.distance_error_mm[~of_test]),
         rms_or_nan(evaluation.distance_error_mm[of_test]),
     )

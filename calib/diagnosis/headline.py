@@ -112,8 +112,7 @@ def _name(new: Sequence[str], links: str) -> str:
 def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = False) -> float:
     """3D RMSE, mm, of a calibration's test poses, or of its training poses; nan where there are none."""
     evaluation = calibration.before if before else calibration.after
-    figures = evaluation.test if of_test_poses else evaluation.train
-    return figures.rmse_mm if figures is not None else math.nan
+    return evaluation.test_rmse_mm if of_test_poses else evaluation.train_rmse_mm
 
 
 def held_out_beyond_noise(calibration: Calibration, noise_mm: float) -> HeldOutError | None:

@@ -113,8 +113,8 @@ class Diagnosis(Presented, Findings, FittedResult):
             rows.append(
                 {
                     "effect": step.effect or GEOMETRY,
-                    "train_rmse_mm": after.train.rmse_mm if after.train else float("nan"),
-                    "test_rmse_mm": after.test.rmse_mm if after.test else float("nan"),
+                    "train_rmse_mm": after.train_rmse_mm,
+                    "test_rmse_mm": after.test_rmse_mm,
                     "sigma_mm": step.calibration.sigma_mm,
                     "p_value": step.candidate.p_value if step.candidate else None,
                     "margin": step.log_bayes_factor,

@@ -67,6 +67,11 @@ def document(result: object) -> Mapping[str, Any]:
     return {key: getattr(result, name) for name, key in keys.items() if key is not None}
 
 
+def keys_of(result: object, *names: str) -> dict[str, Any]:
+    """Some keys of a document: attributes of a result by their own names."""
+    return {name: getattr(result, name) for name in names}
+
+
 @document.register(Mapping)
 def _keys(made: Mapping[str, Any]) -> Mapping[str, Any]:
     return made
@@ -96,7 +101,8 @@ def nested(value: object) -> object:
 
 def statement(result: object) -> blocks.Words:
     """Most important statement on a result, in a sentence or two: the first verdict of its presentation."""
-    return next(block.words for block in presentation(result).head if isinstance(block, blocks.Verdict))
+    told = blocks.shown(presentation(result).head)
+    return next(block.words for block in told if isinstance(block, blocks.Verdict))
 
 
 @singledispatch

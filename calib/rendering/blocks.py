@@ -6,70 +6,65 @@ the dataset: the page makes it a link that selects it, everywhere else it is its
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 LONG_NAME = 22  # characters of a word that stays in one line
 _SHORT_NAME = 14  # characters
+_CONTENT = ("rows", "words", "sentences", "pairs", "blocks")  # fields without which a block has nothing to show
+
+
+class Named:
+    """A name within a sentence or a cell that is more than text; where it cannot be shown so, it is its words."""
+
+    words: str
+
+    def __str__(self) -> str:
+        return self.words
 
 
 @dataclass(frozen=True)
-class Reference:
+class Reference(Named):
     """A name within a sentence or a cell that stands for a pose, joint or effect; a click selects that object."""
 
     kind: Literal["pose", "joint", "effect", "planned", "step", "setup"]
     value: str | int  # a pose's id, a joint's number from 1, an effect's key, an index
     words: str
 
-    def __str__(self) -> str:
-        return self.words
-
 
 @dataclass(frozen=True)
-class Link:
+class Link(Named):
     """A name within a sentence or a cell that leads to another page."""
 
     words: str
     address: str  # relative to the page, quoted as addresses are
 
-    def __str__(self) -> str:
-        return self.words
-
 
 @dataclass(frozen=True)
-class Coloured:
+class Coloured(Named):
     """A name in the colour that it has in the 3D scene and in figures (one of the palette, never from outside)."""
 
     words: str
     colour: str
 
-    def __str__(self) -> str:
-        return self.words
-
 
 @dataclass(frozen=True)
-class Bar:
+class Bar(Named):
     """A number with a bar behind it whose length is its share of the largest in the column."""
 
     words: str
     share: float  # 0 to 1
 
-    def __str__(self) -> str:
-        return self.words
-
 
 @dataclass(frozen=True)
-class Small:
+class Small(Named):
     """A less important name beside another, smaller and grey on a page."""
 
     words: str
 
-    def __str__(self) -> str:
-        return self.words
 
-
-Span = str | Reference | Link | Coloured | Bar | Small
+Span = str | Named
 Words = Span | Sequence[Span]  # a sentence, or a cell of a table
 
 
@@ -86,12 +81,14 @@ def spans(*parts: Words) -> tuple[Span, ...]:
     return tuple(span for span in flat if span != "")
 
 
+def joined(parts: Iterable[Words], between: str = "; ") -> tuple[Span, ...]:
+    """Parts of a sentence with a text between each two of them."""
+    return spans(*(words for k, part in enumerate(parts) for words in (between if k else "", part)))
+
+
 def listed(names: Sequence[Words], last: str = "and") -> tuple[Span, ...]:
     """Names joined for a sentence, each with its reference: "a, b and c"."""
-    out: list[Words] = []
-    for k, name in enumerate(names):
-        out += ["" if k == 0 else f" {last} " if k == len(names) - 1 else ", ", name]
-    return spans(*out)
+    return joined((joined(names[:-1], ", "), names[-1]), f" {last} ") if len(names) > 1 else spans(*names)
 
 
 def capitalised(words: Words) -> tuple[Span, ...]:
@@ -117,16 +114,31 @@ def effect(key: str, words: str = "") -> Reference:
 
 @dataclass(frozen=True)
 class Block:
-    """Part of a report, a panel or a notebook's view; `templates/blocks.html` has a macro for each kind."""
+    """Part of a report, a panel or a notebook's view; `templates/blocks.html` has a macro of each class's name.
 
-    kind: ClassVar[str]  # the name of that macro
+    A block without content, such as a list without sentences, is left out wherever blocks are shown.
+    """
+
+    @property
+    def kind(self) -> str:
+        """Name of its macro."""
+        return type(self).__name__
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it has nothing to show."""
+        return not next((getattr(self, name) for name in _CONTENT if hasattr(self, name)), True)
+
+
+def shown(blocks: Iterable[Block]) -> list[Block]:
+    """Blocks that have something to show."""
+    return [block for block in blocks if not block.is_empty]
 
 
 @dataclass(frozen=True)
 class Paragraph(Block):
     """One or several sentences; `soft` ones are smaller and grey, a `heading` is put above the blocks that follow."""
 
-    kind: ClassVar[str] = "paragraph"
     words: Words
     soft: bool = False
     heading: bool = False
@@ -136,7 +148,6 @@ class Paragraph(Block):
 class Bullets(Block):
     """A bulleted list of sentences."""
 
-    kind: ClassVar[str] = "bullets"
     sentences: Sequence[Words]
 
 
@@ -148,7 +159,6 @@ class Table(Block):
     height: CSS length from which the page lets the table scroll by itself; "" shows all of it.
     """
 
-    kind: ClassVar[str] = "table"
     headers: Sequence[str]
     rows: Sequence[Sequence[object]]
     caption: str = ""
@@ -171,7 +181,6 @@ class Table(Block):
 class Folded(Block):
     """Blocks that open with a click on their title; omitted in plain text."""
 
-    kind: ClassVar[str] = "folded"
     title: str
     blocks: Sequence[Block]
 
@@ -180,7 +189,6 @@ class Folded(Block):
 class Facts(Block):
     """A table of names and values, one row each."""
 
-    kind: ClassVar[str] = "facts"
     pairs: Sequence[tuple[str, object]]
 
 
@@ -188,7 +196,6 @@ class Facts(Block):
 class KeyFigures(Block):
     """A few important numbers, displayed before all else."""
 
-    kind: ClassVar[str] = "key_figures"
     pairs: Sequence[tuple[str, object]]
 
 
@@ -196,7 +203,6 @@ class KeyFigures(Block):
 class Headline(Block):
     """Decrease of the error from stage to stage: figure and name of each stage, the noise, and a note below."""
 
-    kind: ClassVar[str] = "headline"
     stages: Sequence[tuple[str, str]]
     noise: str
     note: str
@@ -218,7 +224,6 @@ class Part:
 class Shares(Block):
     """A whole divided into parts, drawn as one stacked bar with a legend; `words` say the same as a sentence."""
 
-    kind: ClassVar[str] = "shares"
     words: str
     heading: str  # what is divided
     parts: Sequence[Part]
@@ -229,7 +234,6 @@ class Shares(Block):
 class Verdict(Block):
     """The verdict on a result, marked with a colour of the palette (never one from outside)."""
 
-    kind: ClassVar[str] = "verdict"
     words: Words
     colour: str
     label: str = ""  # stands before it on a terminal
@@ -239,7 +243,6 @@ class Verdict(Block):
 class Drawing(Block):
     """A picture given as SVG, or a frame of another page, whose texts are escaped already."""
 
-    kind: ClassVar[str] = "drawing"
     svg: str
     caption: str
 
@@ -252,7 +255,6 @@ class FigurePlace(Block):
     height_px: 0 for the height that the figure itself has.
     """
 
-    kind: ClassVar[str] = "figure"
     figure: str
     of: tuple[object, ...]
     caption: str

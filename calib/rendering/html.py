@@ -15,6 +15,7 @@ from functools import cache
 from itertools import count
 
 from jinja2 import BaseLoader, ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from calib.html_text import escape, visible_value
 from calib.rendering.blocks import (
@@ -25,25 +26,20 @@ from calib.rendering.blocks import (
     Drawing,
     FigurePlace,
     Link,
+    Named,
     Paragraph,
     Presentation,
     Reference,
     Section,
     Small,
-    Span,
     Verdict,
     Words,
+    shown,
+    spans,
 )
 
 Draw = Callable[[FigurePlace, str], str]  # a place and the name that begins its ids -> SVG
 Recognise = Callable[[str], Words]  # a text -> the same with the names in it as references
-
-
-class _Html(str):
-    """Text that is HTML markup with its parts escaped already."""
-
-    def __html__(self) -> str:
-        return str(self)
 
 
 IDS = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
@@ -64,14 +60,12 @@ def panel(told: Sequence[Block | Section], recognise: Recognise | None = None) -
 
     recognise: what finds the names of poses and joints in a text, so that they are links, too.
     """
-    blocks = [block for part in told for block in (_headed(part) if isinstance(part, Section) else (part,))]
-    shown = with_figures(blocks, None, iter(()))
+    blocks: list[Block] = []
+    for part in told:
+        blocks += [Paragraph(part.heading, heading=True), *part.blocks] if isinstance(part, Section) else [part]
+    without_figures = with_figures(blocks, None, iter(()))
     template = _templates(links=True).get_template("panel.html")
-    return template.render(blocks_shown=[_recognised(block, recognise) for block in shown] if recognise else shown)
-
-
-def _headed(section: Section) -> list[Block]:
-    return [Paragraph(section.heading, heading=True), *section.blocks]
+    return template.render(blocks_shown=[_recognised(b, recognise) if recognise else b for b in without_figures])
 
 
 def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[str, object]:
@@ -79,15 +73,15 @@ def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[s
 
     names: a name a figure, which its ids begin with.
     """
-    sections = [Section(s.heading, with_figures(s.blocks, draw, names)) for s in told.sections]
+    sections = [Section(s.heading, with_figures(s.blocks, draw, names)) for s in told.sections if shown(s.blocks)]
     return {"head": with_figures(told.head, draw, names), "sections": sections}
 
 
 def with_figures(blocks: Sequence[Block], draw: Draw | None, names: Iterator[str]) -> list[Block]:
-    """Blocks in which each figure's placeholder is replaced by its drawing, or dropped where none can be made."""
+    """Blocks with each figure's placeholder replaced by its drawing, or dropped where none can be made."""
     return [
         Drawing(draw(block, next(names)), block.caption) if draw and isinstance(block, FigurePlace) else block
-        for block in blocks
+        for block in shown(blocks)
         if draw or not isinstance(block, FigurePlace)
     ]
 
@@ -106,8 +100,8 @@ def environment(*loaders: BaseLoader, links: bool = False) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=bool(loaders),
     )
-    made.filters["words"] = lambda words: _Html(words_html(words, links))
-    made.filters["selecting"] = lambda reference: _Html(_asks(reference) if links and reference else "")
+    made.filters["words"] = lambda words: Markup(words_html(words, links))
+    made.filters["selecting"] = lambda reference: Markup(_asks(reference) if links and reference else "")
     return made
 
 
@@ -146,21 +140,15 @@ def _asks(reference: Reference) -> str:
 def _recognised(block: Block, recognise: Recognise) -> Block:
     """A block in which the names of poses and joints in its sentences are replaced by references."""
 
-    def spans(words: Words) -> Words:
+    def linked(words: Words) -> Words:
         if isinstance(words, str):
             return recognise(words)
-        if isinstance(words, Reference | Link | Coloured | Bar | Small):
-            return words
-        out: list[Span] = []
-        for span in words:
-            found = recognise(span) if isinstance(span, str) else span
-            out += [found] if isinstance(found, Span) else found
-        return tuple(out)
+        return words if isinstance(words, Named) else spans(*(recognise(w) if isinstance(w, str) else w for w in words))
 
     match block:
         case Bullets():
-            return replace(block, sentences=[spans(sentence) for sentence in block.sentences])
+            return replace(block, sentences=[linked(sentence) for sentence in block.sentences])
         case Paragraph() | Verdict():
-            return replace(block, words=spans(block.words))
+            return replace(block, words=linked(block.words))
         case _:
             return block

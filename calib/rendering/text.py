@@ -17,6 +17,7 @@ from calib.rendering.blocks import (
     Verdict,
     Words,
     plain,
+    shown,
 )
 
 _INDENT = "  "
@@ -26,7 +27,7 @@ def text(told: Presentation) -> str:
     """Plain text of a presentation's first blocks and brief sections."""
     lines = list(_lines(told.head))
     for section in told.sections:
-        if section.brief:
+        if section.brief and shown(section.blocks):
             lines += [f"{section.heading}:", *(f"{_INDENT}{line}" for line in _lines(section.blocks))]
     return "\n".join(line.rstrip() for line in lines)
 
@@ -37,7 +38,7 @@ def block_text(*blocks: Block) -> str:
 
 
 def _lines(blocks: Sequence[Block]) -> list[str]:
-    return [line for block in blocks for line in _block_lines(block)]
+    return [line for block in shown(blocks) for line in _block_lines(block)]
 
 
 def _block_lines(block: Block) -> list[str]:

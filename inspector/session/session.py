@@ -184,18 +184,12 @@ def asked_out(step: FitStep) -> tuple[str, ...]:
 
 def _nominal(last: Calibration) -> StepErrors:
     # Of the last fit, as in the headline: the tool point that is found counts as delivered, and each fit refines it.
-    return StepErrors("nominal", *_errors(last, before=True), float("nan"))
+    return StepErrors("nominal", last.before.train_rmse_mm, last.before.test_rmse_mm, float("nan"))
 
 
 def _errors_after(step: FitStep) -> StepErrors:
-    return StepErrors(step.label, *_errors(step.calibration), step.calibration.sigma_mm)
-
-
-def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]:
-    """3D RMSE of training poses and of test poses, mm."""
-    evaluation = result.before if before else result.after
-    train, test = evaluation.train, evaluation.test
-    return train.rmse_mm if train else float("nan"), test.rmse_mm if test else float("nan")
+    after = step.calibration.after
+    return StepErrors(step.label, after.train_rmse_mm, after.test_rmse_mm, step.calibration.sigma_mm)
 
 
 def untested(session: Session) -> Session:

@@ -10,7 +10,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from calib.calibration.evaluation import Evaluation, Figures
+from calib.array_types import Array
+from calib.calibration.evaluation import Evaluation
 from calib.calibration.model_versions import Version
 from calib.calibration.mount import CameraPlace, Mount, camera_places, mounts
 from calib.calibration.noise_level import SigmaCheck, noise_level
@@ -35,7 +36,7 @@ from calib.present.fit.curves import curve_table, formulas
 from calib.present.fit.error_headline import error_headline
 from calib.present.fit.promise import COVERAGE, coverage_words, promise_document
 from calib.present.fit.redundancy import redundancy_section, tool_sentence
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -43,7 +44,6 @@ from calib.rendering.blocks import (
     Coloured,
     Facts,
     FigurePlace,
-    Headline,
     Paragraph,
     Presentation,
     Reference,
@@ -51,7 +51,7 @@ from calib.rendering.blocks import (
     Table,
     Verdict,
     Words,
-    spans,
+    joined,
 )
 from calib.rendering.colours import BAD, GOOD, NEUTRAL
 from calib.screening.curves.fitted_curves import members_of_one_input
@@ -79,38 +79,29 @@ _SMALL_CHANGE = 0.01  # share of an error below which a change of it counts as n
 @presentation.register
 def _calibration(calibration: Calibration) -> Presentation:
     falls = FigurePlace("convergence", (calibration,), "Error at each iteration.", height_px=280)
-    analysis = redundancy_of(calibration.dataset, residual=calibration.residual)
-    sections = [
-        Section("Parameters", parameters(calibration)),
-        redundancy_section(analysis),
-        Section("Convergence", [falls]),
-    ]
-    for part in contributions(CalibrationPart):
-        if figures := load(part.figures)(calibration):
-            sections.append(Section(part.title, figures))
+    drawn = [(part.title, load(part.figures)(calibration)) for part in contributions(CalibrationPart)]
     return Presentation(
         f"Calibration of {calibration.dataset.name}",
         [*calibration_head(calibration), pose_errors(calibration)],
-        sections,
+        [
+            Section("Parameters", parameters(calibration)),
+            redundancy_section(redundancy_of(calibration.dataset, residual=calibration.residual)),
+            Section("Convergence", [falls]),
+            *(Section(title, figures) for title, figures in drawn),
+        ],
     )
 
 
 def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) -> list[Block]:
     """Blocks at the head of a calibration: errors at each stage, all errors, convergence, and warnings."""
     worse = worsening_sentence(calibration)
-    remarks = [remark for remark in calibration_warnings(calibration) if remark != worse]
     return [
-        error_way(*(way or (calibration,))),
-        *([Verdict(numbers.capitalised(worse), BAD)] if worse else []),
+        error_headline(headline_of(way or (calibration,))),
+        Verdict(numbers.capitalised(worse), BAD),
         *error_tables(calibration),
         Facts(fit_facts(calibration)),
-        *([Bullets(remarks)] if remarks else []),
+        Bullets([remark for remark in calibration_warnings(calibration) if remark != worse]),
     ]
-
-
-def error_way(*calibrations: Calibration) -> Headline:
-    """Headline of the errors from the arm as delivered to the last of the fits."""
-    return error_headline(headline_of(calibrations))
 
 
 def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
@@ -127,8 +118,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     if np.isfinite(calibration.sigma_mm):
         times = f", {numbers.times(fit.reduced_chi)} the declared" if calibration.dataset.declares_noise else ""
         facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
-    covered = coverage_words(promise(calibration))
-    if covered:
+    if covered := coverage_words(promise(calibration)):
         facts.append((COVERAGE, covered))
     facts += instrument_facts(calibration)
     if calibration.face_labelling is not None:
@@ -139,9 +129,10 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
 def instrument_facts(calibration: Calibration) -> list[tuple[str, object]]:
     """Facts on where the instrument is, and on what else is known of it."""
     noun = names.instrument(calibration.dataset)
-    facts: list[tuple[str, object]] = [_mount_fact(mount, noun) for mount in mounts(calibration)]
-    if not calibration.model.robot.carries_scanner:
-        facts += [_place_fact(place, noun) for place in camera_places(calibration)]
+    if calibration.model.robot.carries_scanner:
+        facts = [_place_fact(mount, f"{noun} on the flange") for mount in mounts(calibration)]
+    else:
+        facts = [_place_fact(place, f"{noun} in the base's frame") for place in camera_places(calibration)]
     for part in contributions(CalibrationPart):
         facts += load(part.facts)(calibration)
     return facts
@@ -155,54 +146,31 @@ def camera_sections(calibration: Calibration) -> list[Section]:
     return [Section("Camera", [Facts(instrument_facts(calibration)), *figures], brief=True)]
 
 
-def _mount_fact(mount: Mount, noun: str) -> tuple[str, str]:
-    """Fact on where an instrument sits on the flange, with sigmas."""
-    sigmas, with_table = (np.sqrt(np.diag(c)) for c in (mount.covariance, mount.covariance_with_table))
-    place = ", ".join(numbers.with_sigma(x, sigma) for x, sigma in zip(mount.xyz_mm, sigmas, strict=False))
-    turns = ", ".join(numbers.signed(np.degrees(angle), ".3f") for angle in mount.rpy_rad)
+def _place_fact(place: Mount | CameraPlace, where: str) -> tuple[str, object]:
+    """Fact on where an instrument is, with sigmas."""
+    sigmas, with_table = (np.sqrt(np.diag(c)) for c in (place.covariance, place.covariance_with_table))
+    xyz = ", ".join(map(numbers.with_sigma, place.xyz_mm, sigmas))
+    turns = ", ".join(numbers.signed(np.degrees(angle), ".3f") for angle in place.rpy_rad)
     return (
-        f"{noun} on the flange{mount.setup and f', setup {mount.setup}'}",
-        f"{place} mm, roll, pitch, yaw {turns}° ± {np.degrees(sigmas[3:].max()):.2g}°; with the fitted table "
+        f"{where}{place.setup and f', setup {place.setup}'}",
+        f"{xyz} mm, roll, pitch, yaw {turns}° ± {np.degrees(sigmas[3:].max()):.2g}°; with the fitted table "
         f"± {numbers.length(with_table[:3].max())} and {np.degrees(with_table[3:].max()):.2g}°",
     )
 
 
-def _place_fact(place: CameraPlace, noun: str) -> tuple[str, str]:
-    """Fact on where an instrument that sees full poses stands in the room, with sigmas."""
-    where = ", ".join(numbers.with_sigma(x, sigma) for x, sigma in zip(place.xyz_mm, place.sigma_mm, strict=True))
-    turns = ", ".join(numbers.signed(np.degrees(angle), ".3f") for angle in place.rpy_rad)
-    table = np.sqrt(np.diag(place.covariance_with_table))
-    return (
-        f"{noun} in the base's frame{place.setup and f', setup {place.setup}'}",
-        f"{where} mm, roll, pitch, yaw {turns}° ± {np.degrees(place.turn_sigma_rad.max()):.2g}°; with the fitted table "
-        f"± {numbers.length(table[:3].max())} and {np.degrees(table[3:].max()):.2g}°",
-    )
+@document.register(Mount)
+@document.register(CameraPlace)
+def _place_document(place: Mount | CameraPlace) -> dict[str, Any]:
+    of_place = ("setup", "flange_T_scanner")
+    if isinstance(place, CameraPlace):
+        of_place = ("setup", "parent", "parent_T_camera", "board_parent", "board_parent_T_board", "covariance")
+    with_table = _sigma_document(place.covariance_with_table)
+    return {**keys_of(place, *of_place), **_sigma_document(place.covariance), "with_table": with_table}
 
 
-def _place_document(place: CameraPlace) -> dict[str, Any]:
-    table = np.sqrt(np.diag(place.covariance_with_table))
-    return {
-        "setup": place.setup,
-        "parent": place.parent,
-        "parent_T_camera": place.parent_T_camera,
-        "sigma_mm": place.sigma_mm,
-        "turn_sigma_deg": np.degrees(place.turn_sigma_rad),
-        "covariance": place.covariance,
-        "with_table": {"sigma_mm": table[:3], "turn_sigma_deg": np.degrees(table[3:])},
-        "board_parent": place.board_parent,
-        "board_parent_T_board": place.board_parent_T_board,
-    }
-
-
-def _mount_document(mount: Mount) -> dict[str, Any]:
-    sigmas, with_table = (np.sqrt(np.diag(c)) for c in (mount.covariance, mount.covariance_with_table))
-    return {
-        "setup": mount.setup,
-        "flange_T_scanner": mount.flange_T_scanner,
-        "sigma_mm": sigmas[:3],
-        "turn_sigma_deg": np.degrees(sigmas[3:]),
-        "with_table": {"sigma_mm": with_table[:3], "turn_sigma_deg": np.degrees(with_table[3:])},
-    }
+def _sigma_document(covariance: Array) -> dict[str, Any]:
+    sigmas = np.sqrt(np.diag(covariance))
+    return {"sigma_mm": sigmas[:3], "turn_sigma_deg": np.degrees(sigmas[3:])}
 
 
 def _iterations(calibration: Calibration) -> str:
@@ -226,11 +194,12 @@ def fit_sentence(calibration: Calibration) -> str:
 
 def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
     """Warnings on the data, the tool, the fit and single poses, to be read before a calibration is used."""
-    sentences = [*calibration.fitted_dataset.warnings, *calibration.fitted_dataset.notes, *calibration.after.notes]
+    fitted = calibration.fitted_dataset
+    sentences = [*fitted.warnings, *fitted.notes, *calibration.after.notes]
     if calibration.tool_shift is not None:
         sentences.append(tool_shift_sentence(calibration.tool_shift))
     sentences += table_doubts(calibration)
-    points = calibration.fitted_dataset.points
+    points = fitted.points
     if calibration.residual != "pose" and points is not None and points.shared is not None:
         sentences.append(
             "the lens was found from the images, and a fit of anything but full poses takes its errors, which all of "
@@ -241,8 +210,9 @@ def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
         sentences.append(f"the fit did not converge: {calibration.fit.reason}")
     sentences.append(worsening_sentence(calibration))
     if calibration.outliers:
-        out = f"{_outlying(calibration)}, and did not count in the fit; outliers are often physics, look at them"
-        sentences.append(out)
+        sentences.append(
+            f"{_outlying(calibration)}, and did not count in the fit; outliers are often physics, look at them"
+        )
     return tuple(filter(None, sentences))
 
 
@@ -312,9 +282,8 @@ def outlier_hint(plain: Calibration, robust: Calibration) -> str:
     """Sentence on the outlying poses of a plain fit and the error without them (`fit_without_outliers`)."""
     it = "it" if len(robust.outliers) == 1 else "them"
     error, without_mm, with_mm = "the sigma per coordinate is", robust.sigma_mm, plain.sigma_mm
-    before, after = plain.after.test, robust.after.test
-    if before is not None and after is not None:
-        error, without_mm, with_mm = "the test poses are off by", after.rmse_mm, before.rmse_mm
+    if plain.after.test and robust.after.test:
+        error, without_mm, with_mm = "the test poses are off by", robust.after.test_rmse_mm, plain.after.test_rmse_mm
     return (
         f"{_outlying(robust)}: {error} {numbers.length(without_mm)} without, {numbers.length(with_mm)} with {it} in "
         f"the fit. Look at {it}; --robust leaves {it} out, --leave-out any pose"
@@ -337,13 +306,28 @@ def error_tables(calibration: Calibration, colours: Mapping[str, str] | None = N
 
     colours: of training and test poses in figures, by role.
     """
-    attitudes = _attitude_rows(calibration, colours)
-    distances = "Distances are to the reference pose."
+    attitudes: list[tuple[Words, ...]] = []
+    if calibration.orientation_errors is not None:
+        before, after = calibration.orientation_errors
+        attitudes = [
+            (_of_role(role, name, colours), f"{was:.4f}", f"{now:.4f}", numbers.reduction(was, now))
+            for role, first, last in _by_role(before, after)
+            for key, name in (("rmse_rad", "RMSE"), ("max_rad", "max"))
+            for was, now in [(1e3 * getattr(first, key), 1e3 * getattr(last, key))]
+        ]
     return [
         error_table(calibration.before, calibration.after, colours),
-        Paragraph(distances, soft=True),
-        *([Table(("attitude of the jig, mrad", *_CHANGES), attitudes)] if attitudes else []),
+        Paragraph("Distances are to the reference pose.", soft=True),
+        Table(("attitude of the jig, mrad", *_CHANGES), attitudes),
     ]
+
+
+def _by_role(before: Any, after: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Errors before and after, of training and of test poses, where both are known."""
+    for role in ("train", "test"):
+        first, last = getattr(before, role), getattr(after, role)
+        if first is not None and last is not None:
+            yield role, first, last
 
 
 def error_table(
@@ -359,24 +343,11 @@ def error_table(
             *map(numbers.column_mm, (was, now)),
             numbers.reduction(was, now),
         )
-        for role, first, last in (("train", before.train, after.train), ("test", before.test, after.test))
-        if first is not None and last is not None
+        for role, first, last in _by_role(before, after)
         for key, name in FIGURES
         for was, now in [(float(getattr(first, key)), float(getattr(last, key)))]
     ]
     return Table(("errors, mm", *_CHANGES), rows)
-
-
-def _attitude_rows(calibration: Calibration, colours: Mapping[str, str] | None) -> list[tuple[Words, ...]]:
-    if calibration.orientation_errors is None:
-        return []
-    before, after = calibration.orientation_errors
-    return [
-        (_of_role(role, name, colours), f"{1e3 * was:.4f}", f"{1e3 * now:.4f}", numbers.reduction(was, now))
-        for role, first, last in (("train", before.train, after.train), ("test", before.test, after.test))
-        if first is not None and last is not None
-        for name, was, now in (("RMSE", first.rmse_rad, last.rmse_rad), ("max", first.max_rad, last.max_rad))
-    ]
 
 
 def _of_role(role: str, figure: str, colours: Mapping[str, str] | None) -> str | Coloured:
@@ -410,32 +381,35 @@ def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:
 
 def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]:
     """Rows of `step_table` for a sequence of fits."""
-    nan = math.nan
-    return [
-        (
-            step.label,
-            step.calibration.after.train.rmse_mm if step.calibration.after.train else nan,
-            step.calibration.after.test.rmse_mm if step.calibration.after.test else nan,
-            step.calibration.sigma_mm,
-        )
-        for step in steps
-    ]
+    fits = [(step.label, step.calibration) for step in steps]
+    return [(label, fit.after.train_rmse_mm, fit.after.test_rmse_mm, fit.sigma_mm) for label, fit in fits]
 
 
-class ModelErrors(Protocol):
+class RoleRmse(Protocol):
+    """3D RMSE of one model, mm, at training poses and at test poses."""
+
+    @property
+    def train_rmse_mm(self) -> float:
+        """3D RMSE of the training poses; nan without any."""
+
+    @property
+    def test_rmse_mm(self) -> float:
+        """3D RMSE of the test poses; nan without any."""
+
+
+def change_of_error(before: RoleRmse, after: RoleRmse) -> tuple[str, float, float]:
+    """Role of the poses that tell how an error changes ("test" where there are such poses), and their errors, mm."""
+    if math.isfinite(before.test_rmse_mm) and math.isfinite(after.test_rmse_mm):
+        return "test", before.test_rmse_mm, after.test_rmse_mm
+    return "training", before.train_rmse_mm, after.train_rmse_mm
+
+
+class ModelErrors(RoleRmse, Protocol):
     """Errors of one model in a sequence of models fitted one after the other."""
 
     @property
     def label(self) -> str:
         """Label of the change that made the model: "link errors", "+ backlash", "− backlash"."""
-
-    @property
-    def train_rmse_mm(self) -> float:
-        """3D RMSE of the training poses."""
-
-    @property
-    def test_rmse_mm(self) -> float:
-        """3D RMSE of the test poses; nan without any."""
 
     @property
     def other_poses(self) -> bool:
@@ -447,38 +421,36 @@ def last_change(models: Sequence[ModelErrors]) -> Verdict | None:
     if len(models) < 2:
         return None
     old, new = models[-2:]
-    tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
-    before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
+    role, before, after = change_of_error(old, new)
     if not (before > 0 and math.isfinite(after)):
         return None
-    of = "test error" if tested else "training error (there are no test poses)"
+    of = "test error" if role == "test" else "training error (there are no test poses)"
     figures = f"{numbers.column_mm(before)} → {numbers.column_mm(after)} mm"
     share = after / before - 1
     if new.other_poses:
         return Verdict(f"{new.label}: the {of} is {figures}, of the poses that count now.", NEUTRAL)
-    adds = not new.label.startswith("−")
-    if abs(share) < _SMALL_CHANGE:
-        more = "It does not help; Undo takes it out again." if adds else "It was not needed."
-        return Verdict(f"{new.label}: the {of} hardly changed, {figures}. {more}", NEUTRAL)
+    helps_not, is_small = "It does not help; Undo takes it out again.", abs(share) < _SMALL_CHANGE
+    if new.label.startswith("−"):
+        helps_not = "It was not needed." if is_small else "It was needed; Undo brings it back."
+    if is_small:
+        return Verdict(f"{new.label}: the {of} hardly changed, {figures}. {helps_not}", NEUTRAL)
     if share < 0:
         return Verdict(f"{new.label}: the {of} fell by {numbers.share(-share)}, {figures}.", GOOD)
-    more = "It does not help; Undo takes it out again." if adds else "It was needed; Undo brings it back."
-    return Verdict(f"{new.label}: the {of} rose by {numbers.share(share)}, {figures}. {more}", BAD)
+    return Verdict(f"{new.label}: the {of} rose by {numbers.share(share)}, {figures}. {helps_not}", BAD)
 
 
 def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffect], calibration: Calibration) -> Facts:
     """Facts on a model: its effects, its errors, and the noise."""
     last, level = models[-1], noise_level(calibration)
-    test = last.test_rmse_mm
+    train, test = (f"{numbers.column_mm(mm)} mm" for mm in (last.train_rmse_mm, last.test_rmse_mm))
     floor = "not declared"
     if level.floor_mm is not None:
         floor = f"{numbers.column_mm(level.floor_mm)} mm{'' if level.is_declared else ', not declared'}"
-    added = [part for one in effects for part in (" + ", with_joints(one))]
     return Facts(
         [
-            ("model", spans("link errors", *added)),
-            ("training 3D RMSE", f"{numbers.column_mm(last.train_rmse_mm)} mm"),
-            ("test 3D RMSE", f"{numbers.column_mm(test)} mm" if math.isfinite(test) else "no test poses"),
+            ("model", joined(["link errors", *map(with_joints, effects)], " + ")),
+            ("training 3D RMSE", train),
+            ("test 3D RMSE", test if math.isfinite(last.test_rmse_mm) else "no test poses"),
             (f"{level.name}, 3D", floor),
         ]
     )
@@ -486,20 +458,16 @@ def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffe
 
 def errors_by_version(versions: Sequence[Version], colours: Mapping[str, str]) -> Table:
     """Table of RMSE and largest 3D error of each version of a model, mm, and of noise alone."""
-    rows = [
-        (Coloured(version.name, colours[version.name]), *_largest(version.evaluation.train, version.evaluation.test))
-        for version in versions
-    ]
+    rows: list[tuple[Words, ...]] = []
+    for version in versions:
+        of_roles = (version.evaluation.train, version.evaluation.test)
+        cells = [numbers.column_mm(getattr(f, key, None)) for f in of_roles for key in ("rmse_mm", "max_mm")]
+        rows.append((Coloured(version.name, colours[version.name]), *cells))
     level = noise_level(versions[-1].calibration)
     noise = "not declared" if level.floor_mm is None else numbers.column_mm(level.floor_mm)
     of_test = noise if level.floor_mm is not None and versions[-1].evaluation.test is not None else numbers.MISSING
-    noise_row = (level.name, noise, numbers.MISSING, of_test, numbers.MISSING)
-    return Table(("model", "training", "max", "test", "max"), [*rows, noise_row])
-
-
-def _largest(*figures: Figures | None) -> tuple[str, ...]:
-    cells = ((None, None) if f is None else (f.rmse_mm, f.max_mm) for f in figures)
-    return tuple(numbers.column_mm(mm) for pair in cells for mm in pair)
+    rows.append((level.name, noise, numbers.MISSING, of_test, numbers.MISSING))
+    return Table(("model", "training", "max", "test", "max"), rows)
 
 
 def pose_error_by_version(versions: Sequence[Version], pose: int, colours: Mapping[str, str]) -> Table:
@@ -519,11 +487,10 @@ def pose_error_by_version(versions: Sequence[Version], pose: int, colours: Mappi
 
 def evaluation_sentence(evaluation: Evaluation) -> str:
     """Phrase with the RMSE of test and training poses: "test RMSE 0.20 mm (training 0.19 mm)"."""
-    train, test = evaluation.train, evaluation.test
-    if test is None:
-        return f"training RMSE {numbers.length(train.rmse_mm)}, no test poses" if train else "no poses"
-    training = f" (training {numbers.length(train.rmse_mm)})" if train else ""
-    return f"test RMSE {numbers.length(test.rmse_mm)}{training}"
+    train, test = numbers.length(evaluation.train_rmse_mm), numbers.length(evaluation.test_rmse_mm)
+    if evaluation.test is None:
+        return f"training RMSE {train}, no test poses" if evaluation.train else "no poses"
+    return f"test RMSE {test}{f' (training {train})' if evaluation.train else ''}"
 
 
 def table_alone(table: ExportedTable) -> list[Block]:
@@ -569,9 +536,9 @@ def parameters(calibration: Calibration, table: ExportedTable | None = None) -> 
     return [
         *parameter_tables(calibration),
         *([] if table is None else table_alone(table)),
-        *([Paragraph("Sums that are known better than their parts:")] if sums else []),
-        *([Bullets([_sum(known) for known in sums])] if sums else []),
-        *([] if calibration.dataset.robot.is_cartesian else [Paragraph(tool_sentence(tool))]),
+        Paragraph("Sums that are known better than their parts:" if sums else ""),
+        Bullets(list(map(_sum, sums))),
+        Paragraph("" if calibration.dataset.robot.is_cartesian else tool_sentence(tool)),
     ]
 
 
@@ -622,25 +589,12 @@ def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
     scale = math.degrees(1.0) if of_arm and row["unit"] == "rad" else 1.0
     nominal, value, change, sigma = (scale * float(row[key]) for key in ("nominal", "value", "change", "sigma"))
     digits = "z.4f" if of_arm else "z.3g"
-    if not row["known"]:
-        return (
-            numbers.parameter_label(name),
-            numbers.signed(nominal, digits),
-            _NOT_DETERMINED,
-            numbers.MISSING,
-            numbers.MISSING,
-            unit,
-        )
     if abs(change) < _UNCHANGED * sigma:
         value, change = nominal, 0.0
-    return (
-        numbers.parameter_label(name),
-        numbers.signed(nominal, digits),
-        numbers.signed(value, digits),
-        numbers.signed(change, f"+{digits}"),
-        f"{sigma:.2g}",
-        unit,
-    )
+    fitted = (numbers.signed(value, digits), numbers.signed(change, f"+{digits}"), f"{sigma:.2g}")
+    if not row["known"]:
+        fitted = (_NOT_DETERMINED, numbers.MISSING, numbers.MISSING)
+    return (numbers.parameter_label(name), numbers.signed(nominal, digits), *fitted, unit)
 
 
 def _sum(known: Combination) -> Words:
@@ -664,43 +618,29 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
     fit, attitudes, labelling = calibration.fit, calibration.orientation_errors, calibration.face_labelling
     return {
         "dataset": calibration.dataset.name,
-        "residual": calibration.residual,
         "effects": calibration.model.family_names,
-        "iterations": [
-            {
-                "rmse_mm": step.train_rmse_mm,
-                "test_rmse_mm": step.test_rmse_mm,
-                "distance_rmse_mm": step.train_distance_rmse_mm,
-                "test_distance_rmse_mm": step.test_distance_rmse_mm,
-            }
-            for step in calibration.iteration_errors
-        ],
-        "converged": fit.converged,
+        "iterations": calibration.iteration_errors,
         "worse_than_nominal": worsening_sentence(calibration) or None,
-        "reason": fit.reason,
-        "rank": fit.rank,
         "links_held": calibration.holds_table,
+        **keys_of(fit, "converged", "reason", "rank", "degrees_of_freedom"),
+        **keys_of(calibration, "residual", "before", "sigma_mm", "outliers"),
         **document(calibration.after),
-        "before": calibration.before,
         **found_tool_document(calibration),
-        "mounts": [_mount_document(mount) for mount in mounts(calibration)],
-        "hand_eye": [_place_document(place) for place in camera_places(calibration)],
+        "mounts": mounts(calibration),
+        "hand_eye": camera_places(calibration),
         **_document_of_plugins(calibration),
         "attitudes": attitudes and dict(zip(("before", "after"), attitudes, strict=True)),
         "faces_named": None if labelling is None else face_labelling(labelling),
-        "sigma_mm": calibration.sigma_mm,
-        "degrees_of_freedom": fit.degrees_of_freedom,
         "parameters": calibration.parameter_rows(),
         "known_sums": [
-            {"parameters": c.coefficients, "value": c.value, "sigma": c.sigma, "worst_part_sigma": c.worst_part_sigma}
-            for c in identifiable_combinations(calibration)
+            {"parameters": one.coefficients, **keys_of(one, "value", "sigma", "worst_part_sigma")}
+            for one in identifiable_combinations(calibration)
         ],
         "table_doubts": doubtful_entries(calibration),
         "leading_entry": leading_entry(calibration),
         "tool": tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model),
         "correlated": correlated_pairs(calibration),
         "stands": stands_document(calibration),
-        "outliers": calibration.outliers,
         "left_out": calibration.fitted_dataset.left_out,
         "warnings": calibration_warnings(calibration),
         **promise_document(promise(calibration), calibration.dataset.poses),
@@ -715,10 +655,8 @@ def _document_of_plugins(calibration: Calibration) -> dict[str, Any]:
 def found_tool_document(calibration: Calibration) -> dict[str, Any]:
     """JSON keys on a tool point found far from robot.toml's, mm in the frames of last joint and tip; else None."""
     shift = calibration.tool_shift
-    return {
-        "tool_found_mm": None if shift is None else shift.point_mm,
-        "tool_found_in_tip_mm": None if shift is None else shift.in_tip_mm,
-    }
+    found = (None, None) if shift is None else (shift.point_mm, shift.in_tip_mm)
+    return dict(zip(("tool_found_mm", "tool_found_in_tip_mm"), found, strict=True))
 
 
 def stands_document(calibration: Calibration) -> dict[str, int] | None:
@@ -745,19 +683,15 @@ def table_document(table: ExportedTable) -> dict[str, Any]:
     return {**document(table.errors), "without_effects": table.left_out}
 
 
-_PLACES = 9  # of a parameter's value, beyond which there is rounding alone
-
-
 @document.register
 def _evaluation_document(evaluation: Evaluation) -> dict[str, Any]:
-    return {"train": evaluation.train, "test": evaluation.test}
+    return keys_of(evaluation, "train", "test")
 
 
 @document.register
 def _data_problem_document(problem: DataProblem) -> dict[str, Any]:
     return {
-        "kind": problem.kind,
-        "joints": problem.joints,
+        **keys_of(problem, "kind", "joints"),
         "mend": problem.remedy,
         "rmse_mm": {"now": problem.now_mm, "then": problem.then_mm},
         "words": problem.warning,
