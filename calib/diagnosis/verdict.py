@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import takewhile
 from typing import Literal
@@ -68,10 +68,12 @@ class ConfoundedSet:
     """An effect in the model, with the effects that these data cannot distinguish from it."""
 
     effect: str
-    equivalent: tuple[str, ...]  # effects with the same columns at these poses, or with about as much evidence
+    # Effects with the same columns at these poses, or with about as much evidence:
+    equivalent: tuple[str, ...] = field(metadata={"key": "twins"})
     untested: tuple[str, ...]  # effects that the data lack the means to test
     would_help: str = ""  # what to write down or measure so that those can be tested
-    is_undecided: bool = False  # whether the effects explain different things, and none leads the others
+    # Whether the effects explain different things, and none leads the others:
+    is_undecided: bool = field(default=False, metadata={"key": None})
 
     @property
     def names(self) -> tuple[str, ...]:

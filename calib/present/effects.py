@@ -13,6 +13,7 @@ from calib.diagnosis.effect_selection import SelectedEffect
 from calib.effects.catalogue import descriptions
 from calib.effects.catalogue.loads import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
+from calib.present.results import keys_of
 from calib.rendering import numbers
 from calib.rendering.blocks import Span, effect, joint, listed, spans
 from calib.screening.candidates import Untestable
@@ -95,12 +96,10 @@ def effects_document() -> dict[str, Any]:
     return {
         "effects": [
             {
-                "name": d.name,
-                "equation": d.equation,
-                "parameters": [{"name": name, "unit": unit} for name, unit in d.symbols],
-                "needs": d.needs,
+                **keys_of(described, "name", "equation", "needs"),
+                "parameters": [{"name": name, "unit": unit} for name, unit in described.symbols],
             }
-            for d in descriptions()
+            for described in descriptions()
         ]
     }
 
@@ -108,7 +107,5 @@ def effects_document() -> dict[str, Any]:
 def with_joints(selected: SelectedEffect) -> tuple[Span, ...]:
     """An effect with the joints that carry it: "backlash (joints 1 and 3)"."""
     joints = sorted({index + 1 for m in selected.members if (index := getattr(m, "joint", None)) is not None})
-    if not joints:
-        return (selected.name,)
-    of = listed([joint(number) for number in joints])
-    return spans(f"{selected.name} (joint{'s' if len(joints) > 1 else ''} ", of, ")")
+    of = spans(f" (joint{'s' if len(joints) > 1 else ''} ", listed(map(joint, joints)), ")") if joints else ()
+    return spans(selected.name, of)

@@ -9,7 +9,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.input_names import PLACES, history_input, joint_input
 from calib.effects.effect import Effect, parameters_by_name
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
-from calib.rendering.blocks import Span, joint, plain
+from calib.rendering.blocks import Span, joined, joint, listed, plain
 from calib.rendering.numbers import parameter_label
 
 _CONDITIONS = {
@@ -35,11 +35,8 @@ def parameter(name: str) -> Span:
 
 def parameters(found: Sequence[str], last: str = "") -> tuple[Span, ...]:
     """List of parameters' short names: "a1, a2 and d3" with `last` "and", else "a1, a2, d3"."""
-    spans: list[Span] = []
-    for k, name in enumerate(found):
-        between = f" {last} " if last and k == len(found) - 1 else ", "
-        spans += [*([between] if k else []), parameter(name)]
-    return tuple(spans)
+    named = list(map(parameter, found))
+    return listed(named, last) if last else joined(named, ", ")
 
 
 def joint_with_unit(number: int, unit: str = "") -> Span:

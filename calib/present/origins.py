@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from calib.dataset.files.origin import SAME, Origin, Verified, command_text
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Facts, Presentation, Table, Verdict
 from calib.rendering.colours import DOUBT, GOOD
@@ -15,8 +15,7 @@ from calib.rendering.colours import DOUBT, GOOD
 def origin_blocks(origin: Origin) -> list[Block]:
     """Blocks on who made a result, by which command, of which files."""
     caption = "Files that it was made of; `inspector verify` holds them against a dataset's"
-    files = [Table(("file", "SHA-256"), list(origin.files.items()), caption=caption, left=(0, 1))]
-    return [Facts(_who(origin)), *(files if origin.files else [])]
+    return [Facts(_who(origin)), Table(("file", "SHA-256"), list(origin.files.items()), caption=caption, left=(0, 1))]
 
 
 def _who(origin: Origin) -> list[tuple[str, object]]:
@@ -32,30 +31,21 @@ def _verified(verified: Verified) -> Presentation:
     when = [("made", origin.made or numbers.MISSING), *_who(origin)]
     other = "" if verified.same_program else ", this is another"
     facts = [*when, ("program", f"{origin.program_version or numbers.MISSING}{other}")]
-    rows = [(file.path, file.state) for file in verified.files if file.state != SAME]
-    table = [Table(("file", "now"), rows, left=(0, 1))] if rows else []
-    return Presentation(verified.path, [Verdict(_sentence(verified), DOUBT if rows else GOOD), Facts(facts), *table])
-
-
-def _sentence(verified: Verified) -> str:
-    others = [file.path for file in verified.files if file.state != SAME]
-    if not others:
-        return f"{verified.path}: made of exactly these {len(verified.files)} files."
-    return f"{verified.path}: not of these files: {numbers.listing(others)}."
+    others = {file.path: file.state for file in verified.files if file.state != SAME}
+    words = f"made of exactly these {len(verified.files)} files"
+    if others:
+        words = f"not of these files: {numbers.listing(list(others))}"
+    verdict = Verdict(f"{verified.path}: {words}.", DOUBT if others else GOOD)
+    table = Table(("file", "now"), list(others.items()), left=(0, 1))
+    return Presentation(verified.path, [verdict, Facts(facts), table])
 
 
 @document.register
 def _verified_document(verified: Verified) -> dict[str, Any]:
-    origin = verified.origin
     return {
-        "path": verified.path,
+        **keys_of(verified, "path", "files", "same_program"),
         "same": verified.is_same,
-        "files": verified.files,
-        "made": origin.made,
-        "by": origin.by,
-        "command": origin.command,
-        "program_version": origin.program_version,
-        "same_program": verified.same_program,
+        **keys_of(verified.origin, "made", "by", "command", "program_version"),
     }
 
 

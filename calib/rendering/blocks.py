@@ -86,9 +86,10 @@ def joined(parts: Iterable[Words], between: str = "; ") -> tuple[Span, ...]:
     return spans(*(words for k, part in enumerate(parts) for words in (between if k else "", part)))
 
 
-def listed(names: Sequence[Words], last: str = "and") -> tuple[Span, ...]:
+def listed(names: Iterable[Words], last: str = "and") -> tuple[Span, ...]:
     """Names joined for a sentence, each with its reference: "a, b and c"."""
-    return joined((joined(names[:-1], ", "), names[-1]), f" {last} ") if len(names) > 1 else spans(*names)
+    *first, end = [*names] or [""]
+    return joined((joined(first, ", "), end), f" {last} ") if first else spans(end)
 
 
 def capitalised(words: Words) -> tuple[Span, ...]:
@@ -110,6 +111,11 @@ def joint(number: int, words: str = "") -> Reference:
 def effect(key: str, words: str = "") -> Reference:
     """Reference to an effect by its key in the catalogue."""
     return Reference("effect", key, words or key)
+
+
+def effects(keys: Iterable[str], last: str = "and") -> tuple[Span, ...]:
+    """List of references to effects: "backlash and tool_sag"."""
+    return listed(map(effect, keys), last)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ which corrects for the number of inputs and places.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,7 +61,8 @@ class ResidualTests(Brief):
     inputs: tuple[InputTest, ...]  # the strongest pattern first
     outlier_poses: tuple[str, ...]
     fault: JointFault | None = None  # a motion of one joint that no effect of the catalogue describes
-    masses_evidence: float = 0.0  # log evidence that masses differ from robot.toml by what is allowed for
+    # Log evidence that masses differ from robot.toml by what is allowed for:
+    masses_evidence: float = field(default=0.0, metadata={"key": "masses_log_evidence"})
 
     @property
     def structured(self) -> tuple[str, ...]:

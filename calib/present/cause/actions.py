@@ -43,13 +43,9 @@ def what_to_do(
         next_poses: that discriminate between the effects that a diagnosis leaves open.
         outlier_poses: poses that stand out of all others.
     """
-    calibration = table.full
-    actions = [_table_to_load(table, headline)]
-    if calibration.model.family_names:
-        actions.append(_compensation(calibration, correction, headline))
-    actions += _confirmations(diagnosis)
-    actions += _to_measure(calibration, diagnosis, next_poses, outlier_poses)
-    return actions
+    compensates = [_compensation(table.full, correction, headline)] if table.full.model.family_names else []
+    to_measure = _to_measure(table.full, diagnosis, next_poses, outlier_poses)
+    return [_table_to_load(table, headline), *compensates, *_confirmations(diagnosis), *to_measure]
 
 
 def _table_to_load(table: ExportedTable, headline: Headline) -> str:
@@ -95,9 +91,9 @@ def _to_measure(
 ) -> list[str]:
     actions = []
     dataset, after = calibration.dataset, calibration.after
-    if next_poses is not None and next_poses.change is not None:
+    if next_poses and next_poses.change:
         actions.append(headline(next_poses.change))
-    if next_poses is not None and next_poses.discrimination is not None and next_poses.poses:
+    if next_poses and next_poses.discrimination and next_poses.poses:
         poses = poses_to_measure(next_poses.poses[:_AGAIN], dataset.robot.is_revolute)
         open_causes = numbers.listing([title(key) for key in next_poses.discrimination.hypotheses], "from")
         actions.append(
@@ -110,9 +106,8 @@ def _to_measure(
         actions.append(
             "Measure some poses more and give them the role test in poses.csv: nothing confirms these figures yet."
         )
-    unexplained = diagnosis is not None and diagnosis.verdict == "unexplained" and diagnosis.data_problem is None
-    number = diagnosis.residual_tests.strongest_joint if diagnosis is not None and unexplained else None
-    if number is not None:
+    number = diagnosis and diagnosis.residual_tests.strongest_joint
+    if number and diagnosis and diagnosis.verdict == "unexplained" and diagnosis.data_problem is None:
         actions.append(f"Look at joint {number}: what has no known cause shows most in its motion.")
     if not actions:
         order = np.argsort(-np.linalg.norm(after.error_mm, axis=1))
@@ -126,20 +121,18 @@ def _to_measure(
 
 def plain_verdict(headline: Headline, diagnosis: Diagnosis | None) -> str:
     """Sentences with the verdict for an owner who knows no kinematics: errors, causes, and how far to trust these."""
-    first, last = (headlines.length(headline, stage.error_mm) for stage in (headline.stages[0], headline.stages[-1]))
-    at = "at poses that only served to test it" if headline.of_test_poses else "at the measured poses"
     if diagnosis is not None and diagnosis.data_problem is not None:
         return (
             f"These measurements do not fit this arm's table: {diagnosis.data_problem.warning}. Correct that first; "
             "the figures below say nothing about the arm."
         )
-    worse = headline.stages[-1].error_mm > headline.stages[0].error_mm
-    became = (
-        f"As delivered, the arm is off by {first} (RMS, {at}); after calibration it would be off by {last}, which is "
-        "worse: do not use it."
-        if worse
-        else f"As delivered, the arm is off by {first} (RMS, {at}); with all that was found put right, by {last}."
-    )
+    first_mm, last_mm = headline.stages[0].error_mm, headline.stages[-1].error_mm
+    first, last = headlines.length(headline, first_mm), headlines.length(headline, last_mm)
+    at = "at poses that only served to test it" if headline.of_test_poses else "at the measured poses"
+    then = f"with all that was found put right, by {last}."
+    if last_mm > first_mm:
+        then = f"after calibration it would be off by {last}, which is worse: do not use it."
+    became = f"As delivered, the arm is off by {first} (RMS, {at}); {then}"
     return " ".join(filter(None, (became, *_causes_in_short(headline, diagnosis))))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from calib.diagnosis.budget import CURVES, LINKS, NOISE, TOGETHER, UNKNOWN, BudgetShare, ErrorBudget
+from calib.diagnosis.budget import CURVES, LINKS, NOISE, TOGETHER, UNKNOWN, ErrorBudget
 from calib.present.effects import title
 from calib.rendering import colours, numbers
 from calib.rendering.blocks import Part, Shares
@@ -32,33 +32,22 @@ def budget_sentence(budget: ErrorBudget) -> str:
 def budget_parts(budget: ErrorBudget) -> list[Part]:
     """Parts of the bar of an error budget, each with its name, share and colour; learned curves as one part."""
     curves = [one for one in budget.shares if one.cause.startswith(CURVES)]
+    joints = [one.cause.removeprefix(CURVES) for one in curves]
     effect_colours = iter((*colours.EFFECTS, *[colours.EFFECTS[-1]] * len(budget.shares)))
+    fixed = {LINKS: colours.LINKS, NOISE: colours.NOISE, UNKNOWN: colours.UNEXPLAINED}
     parts = []
     for one in budget.shares:
         if one in curves[1:]:
             continue
         if one in curves:
-            parts.append(_curves_part(curves))
-            continue
-        fixed = {LINKS: colours.LINKS, NOISE: colours.NOISE, UNKNOWN: colours.UNEXPLAINED}
-        colour = fixed.get(one.cause.partition(TOGETHER)[0]) or next(effect_colours)
-        parts.append(
-            Part(_name(one.cause, budget), numbers.bounded_share(one.share), one.share, colour, numbers.length(one.mm))
-        )
+            share, mm = sum(part.share for part in curves), sum(part.mm**2 for part in curves) ** 0.5
+            name = f"learned curves (joint{'s' if len(joints) > 1 else ''} {numbers.listing(joints)})"
+            colour = colours.CURVES
+        else:
+            share, mm, name = one.share, one.mm, _name(one.cause, budget)
+            colour = fixed.get(one.cause.partition(TOGETHER)[0]) or next(effect_colours)
+        parts.append(Part(name, numbers.bounded_share(share), share, colour, numbers.length(mm)))
     return parts
-
-
-def _curves_part(curves: list[BudgetShare]) -> Part:
-    share = sum(one.share for one in curves)
-    joints = [one.cause.removeprefix(CURVES) for one in curves]
-    name = f"learned curves (joint{'s' if len(joints) > 1 else ''} {numbers.listing(joints)})"
-    return Part(
-        name,
-        numbers.bounded_share(share),
-        share,
-        colours.CURVES,
-        numbers.length(sum(one.mm**2 for one in curves) ** 0.5),
-    )
 
 
 def _name(cause: str, budget: ErrorBudget) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -25,13 +24,13 @@ from calib.rendering.blocks import (
     Facts,
     Folded,
     Paragraph,
-    Reference,
     Section,
     Small,
     Span,
     Table,
     Words,
     effect,
+    joined,
     joint,
     spans,
 )
@@ -49,28 +48,21 @@ _CLEARLY_APART = 4.0  # sigmas of one coordinate by which two hypotheses differ 
 # ---- the ranking ----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A column of the ranking table, with the function that makes a candidate's cell."""
-
-    cell: Callable[[Candidate, Screening], Words]
-    is_words: bool = False
-
-
-_COLUMNS: Mapping[str, _Column] = MappingProxyType(
+_ALIKE = "could also be made by"
+_COLUMNS: Mapping[str, Callable[[Candidate, Screening], Words]] = MappingProxyType(
     {
-        "log evidence": _Column(lambda c, _: numbers.signed(c.log_evidence, ".1f")),
-        "evidence": _Column(lambda c, s: _evidence_bar(c, s)),
-        "p (Holm)": _Column(lambda c, _: numbers.probability(c.p_holm)),
-        "explains, %": _Column(lambda c, _: f"{100 * c.explained_share:.0f}"),
-        "held-out error": _Column(lambda c, s: numbers.relative_change(s.cv_rmse_mm, c.cv_rmse_mm)),
-        "held-out error, mm": _Column(lambda c, _: numbers.column_mm(c.cv_rmse_mm)),
-        "could also be made by": _Column(lambda c, _: alike(c) or numbers.MISSING, is_words=True),
+        "log evidence": lambda c, _: numbers.signed(c.log_evidence, ".1f"),
+        "evidence": lambda c, s: _evidence_bar(c, s),
+        "p (Holm)": lambda c, _: numbers.probability(c.p_holm),
+        "explains, %": lambda c, _: f"{100 * c.explained_share:.0f}",
+        "held-out error": lambda c, s: numbers.relative_change(s.cv_rmse_mm, c.cv_rmse_mm),
+        "held-out error, mm": lambda c, _: numbers.column_mm(c.cv_rmse_mm),
+        _ALIKE: lambda c, _: alike(c) or numbers.MISSING,
     }
 )
 PROBABILITY = "likely"
 BRIEF_RANKING = ("log evidence", "p (Holm)", "explains, %")
-FULL_RANKING = (*BRIEF_RANKING, "held-out error, mm", "could also be made by")
+FULL_RANKING = (*BRIEF_RANKING, "held-out error, mm", _ALIKE)
 PANEL_RANKING = ("evidence", "held-out error")  # as narrow as a panel
 
 
@@ -117,22 +109,19 @@ def ranking_to_choose_from(
     if not candidates:
         return [Paragraph(_NONE_RANKED)]
     over = [c for c in candidates if c.name in passed_over]
-    counts = [c.log_evidence >= FOLDED_BELOW or c.name in chosen for c in candidates]
-    first = [c for c, shown in zip(candidates, counts, strict=True) if shown and c not in over]
-    rest = [c for c, shown in zip(candidates, counts, strict=True) if not shown and c not in over]
+    first = [c for c in candidates if c not in over and (c.log_evidence >= FOLDED_BELOW or c.name in chosen)]
+    rest = [c for c in candidates if c not in over and c not in first]
     names = {c.name: _named(c, own) for c in candidates}
 
-    def table(of: Sequence[Candidate]) -> Block:
-        return _ranking(screening, of, names, PANEL_RANKING, chosen, likely)
+    def tables(of: Sequence[Candidate]) -> list[Block]:
+        return [_ranking(screening, of, names, PANEL_RANKING, chosen, likely)] if of else []
 
-    blocks: list[Block] = [table(first) if first else Paragraph("No effect has evidence that counts.")]
-    if over:
-        heading = f"{numbers.count(len(over), 'effect')} of single places: learned curves explain clearly more"
-        blocks.append(Folded(heading, [table(over)]))
-    if rest:
-        heading = f"{numbers.count(len(rest), 'further effect')} with a log evidence below {FOLDED_BELOW:g}"
-        blocks.append(Folded(heading, [table(rest)]))
-    return blocks
+    many, few = numbers.count(len(over), "effect"), numbers.count(len(rest), "further effect")
+    return [
+        *(tables(first) or [Paragraph("No effect has evidence that counts.")]),
+        Folded(f"{many} of single places: learned curves explain clearly more", tables(over)),
+        Folded(f"{few} with a log evidence below {FOLDED_BELOW:g}", tables(rest)),
+    ]
 
 
 def _ranking(
@@ -145,13 +134,13 @@ def _ranking(
 ) -> Table:
     def row(candidate: Candidate) -> tuple[Words, ...]:
         share = () if likely is None else (numbers.bounded_share(likely.of(candidate.name)),)
-        return (names[candidate.name], *share, *(_COLUMNS[name].cell(candidate, screening) for name in columns))
+        return (names[candidate.name], *share, *(_COLUMNS[name](candidate, screening) for name in columns))
 
     more = () if likely is None else (PROBABILITY,)
     return Table(
         ("effect", *more, *columns),
         [row(candidate) for candidate in candidates],
-        left=(0, *(k for k, name in enumerate(columns, 1 + len(more)) if _COLUMNS[name].is_words)),
+        left=(0, *(k for k, name in enumerate(columns, 1 + len(more)) if name == _ALIKE)),
         mark=next((k for k, c in enumerate(candidates) if c.name in mark), None),
         rows_select=[effect(c.name) for c in candidates],
     )
@@ -161,9 +150,8 @@ def _named(candidate: Candidate, own: Collection[str]) -> Words:
     """Name cell of a candidate effect: a tick if convincing, the name in words, and the key."""
     named = title(candidate.name)
     tick = f"✓{_NO_BREAK}" if is_convincing(candidate) else ""
-    key = "" if named == candidate.name else candidate.name
     mine = " (own)" if candidate.name in own else ""
-    return spans(f"{tick}{named}{mine}", " " if key else "", Small(key) if key else "")
+    return joined([f"{tick}{named}{mine}", *([] if named == candidate.name else [Small(candidate.name)])], " ")
 
 
 def _evidence_bar(candidate: Candidate, screening: Screening) -> Words:
@@ -177,11 +165,10 @@ def explained_at(screening: Screening, poses: Collection[str]) -> list[Block]:
     best = sorted((name for name, share in shares.items() if share > 0.0), key=lambda name: -shares[name])
     if not best:
         return [Paragraph("No effect explains these poses; test poses are not fitted.", soft=True)]
-    rows = [
-        (title(name), Bar(numbers.share(shares[name]), min(shares[name], 1.0))) for name in best[:EXPLAINED_AT_POSES]
-    ]
-    selects = [effect(name) for name in best[:EXPLAINED_AT_POSES]]
-    return [Table(("would explain", "of these poses' squared residual"), rows, rows_select=selects)]
+    best = best[:EXPLAINED_AT_POSES]
+    rows = [(title(name), Bar(numbers.share(shares[name]), min(shares[name], 1.0))) for name in best]
+    headers = ("would explain", "of these poses' squared residual")
+    return [Table(headers, rows, rows_select=list(map(effect, best)))]
 
 
 def held_out_sentence(screening: Screening) -> str:
@@ -206,16 +193,14 @@ def nothing_shows(screening: Screening) -> str:
 
 def untestable_blocks(untestable: Sequence[Untestable]) -> list[Block]:
     """Blocks on effects that these data cannot test, with reasons and remedies; [] where all can be tested."""
-    if not untestable:
-        return []
-    return [Paragraph(f"{CANNOT_BE_TESTED}:"), Bullets(not_testable(untestable))]
+    return [Paragraph(f"{CANNOT_BE_TESTED}:"), Bullets(not_testable(untestable))] if untestable else []
 
 
 def alike(candidate: Candidate) -> tuple[Span, ...]:
     """Effects that could explain most of what a candidate explains, with the shares; () where there are none."""
     most = sorted(candidate.overlaps.items(), key=lambda item: -item[1])[:_MOST_ALIKE]
     named = [spans(effect(name), f" {numbers.share(share)}".replace(" %", f"{_NO_BREAK}%")) for name, share in most]
-    return spans(*(part for k, name in enumerate(named) for part in (", " if k else "", name)))
+    return joined(named, ", ")
 
 
 # ---- one effect -----------------------------------------------------------------------------------------------------
@@ -232,15 +217,18 @@ def candidate_blocks(
         own: whether it is from the user's file.
     """
     described = _description(name, candidate, calibration)
-    facts: list[tuple[str, object]] = [("equation", described.equation), ("needs", described.needs)]
-    facts += [("from", "your effects file" if own else "")]
+    facts: list[tuple[str, object]] = [
+        ("equation", described.equation),
+        ("needs", described.needs),
+        ("from", "your effects file" if own else ""),
+    ]
     if candidate is not None:
         facts.append(("explains, of the residual", numbers.share(candidate.explained_share)))
         if candidate.members:
             now, then = numbers.column_mm(held_out_mm), numbers.column_mm(candidate.cv_rmse_mm)
             by = numbers.relative_change(held_out_mm, candidate.cv_rmse_mm)
             facts.append(("held-out error", f"{now} → {then} mm per coordinate ({by})"))
-        facts += [("could also be made by", alike(candidate) or "nothing else here")]
+        facts += [(_ALIKE, alike(candidate) or "nothing else here")]
         facts += [("assumed", candidate.family.note)]
     facts.append(("to be sure, measure", described.confirm))
     head: list[Block] = [Paragraph(f"Effect {name}", heading=True), Facts([fact for fact in facts if fact[1]])]
@@ -279,17 +267,15 @@ def _values(
     """Table of parameters (full name, value, sigma) with description and meaning on the arm."""
     known, joints = parameters_by_name(members), joints_by_parameter(calibration.model.robot, members)
     rows: list[tuple[str, str, str]] = []
-    selects: list[Reference | None] = []
     for name, value, sigma in values:
         owner, parameter = known[name]
         is_read_already = parameter.unit == "rad" and not has_meaning(owner)  # in degrees
         is_zero = abs(value) < sigma  # nothing that could have a meaning on the arm
         on_arm = "" if is_read_already or is_zero else meaning(owner, parameter, value, calibration)
         means = ": ".join(filter(None, (parameter.doc, on_arm)))
-        rows.append(
-            (name.partition(".")[2] or name, numbers.with_sigma(value, sigma, parameter.unit), means or numbers.MISSING)
-        )
-        selects.append(joint(joints[name]) if name in joints else None)
+        size = numbers.with_sigma(value, sigma, parameter.unit)
+        rows.append((name.partition(".")[2] or name, size, means or numbers.MISSING))
+    selects = [joint(joints[name]) if name in joints else None for name, *_ in values]
     headers = (heading, "value ± sigma", "that is")
     return Table(headers, rows, left=(0, 2), rows_select=selects, height=height)
 
@@ -311,12 +297,10 @@ def discriminating_section(
         poses: one or more.
         noise_mm: sigma per coordinate; nan where it is not known.
     """
+    values = [np.where(robot.is_revolute, np.degrees(pose.q), pose.q) for pose in poses]
     rows = [
-        (
-            ", ".join(numbers.signed(v, "z.0f") for v in np.where(robot.is_revolute, np.degrees(pose.q), pose.q)),
-            numbers.length(pose.separation_mm),
-        )
-        for pose in poses
+        (", ".join(numbers.signed(v, "z.0f") for v in q), numbers.length(pose.separation_mm))
+        for pose, q in zip(poses, values, strict=True)
     ]
     best_mm = max(pose.separation_mm for pose in poses)
     enough = ""

@@ -36,6 +36,7 @@ from calib.present.cause.verdict import SMALL_CHANGE, curves, fault, laws, verdi
 from calib.present.effects import meaning, with_key
 from calib.present.fit.calibration import (
     camera_sections,
+    change_of_error,
     found_tool_document,
     parameters,
     pose_errors,
@@ -51,7 +52,7 @@ from calib.present.fit.promise import coverage_sentence, promise_document
 from calib.present.fit.redundancy import redundancy_section
 from calib.present.fit.residuals import residual_blocks, residuals_of
 from calib.present.names import input_name
-from calib.present.results import document, headline, presentation, statement, to_dict
+from calib.present.results import document, headline, keys_of, presentation, statement, to_dict
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -64,6 +65,8 @@ from calib.rendering.blocks import (
     Words,
     capitalised,
     effect,
+    effects,
+    joined,
     listed,
     plain,
     pose,
@@ -130,7 +133,7 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
             Section(HOW, reasons(diagnosis, poses), brief=True),
             *intervention_sections(diagnosis),
             *drive_sections(last.dataset.robot),
-            Section(HISTORY, [steps(diagnosis), *_coverage(last)], brief=True),
+            Section(HISTORY, [steps(diagnosis), Paragraph(coverage_sentence(promise(last)))], brief=True),
             *camera_sections(last),
             Section(DATASET, measured_blocks(last, NOT_SEARCHED)),
             Section(MISSING, ranked_effects(diagnosis), brief=True),
@@ -141,11 +144,6 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
             Section(PARAMETERS, parameters(last)),
         ],
     )
-
-
-def _coverage(calibration: Calibration) -> list[Block]:
-    words = coverage_sentence(promise(calibration))
-    return [Paragraph(words)] if words else []
 
 
 def learned_section(calibration: Calibration) -> list[Section]:
@@ -173,9 +171,8 @@ def steps(diagnosis: Diagnosis) -> Table:
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm", "log Bayes factor")
     rows = []
     for step in diagnosis.steps:
-        after, factor = step.calibration.after, step.log_bayes_factor
-        errors = (None if f is None else f.rmse_mm for f in (after.train, after.test))
-        figures = [*map(numbers.column_mm, errors), numbers.column_mm(step.calibration.sigma_mm)]
+        fit, factor = step.calibration, step.log_bayes_factor
+        figures = map(numbers.column_mm, (fit.after.train_rmse_mm, fit.after.test_rmse_mm, fit.sigma_mm))
         added = f"+ {step.effect}" if step.effect else GEOMETRY
         rows.append((added, *figures, numbers.MISSING if factor is None else f"{factor:.0f}"))
     return Table(columns, rows, caption="3D RMSE; the sigma is per coordinate, by degrees of freedom")
@@ -191,10 +188,13 @@ def ranked_effects(diagnosis: Diagnosis) -> list[Block]:
 
 def explanation(diagnosis: Diagnosis, poses: NextPoses | None) -> str:
     """The reasons and the verdict as plain text, a paragraph each, the verdict last."""
-    why = [plain(paragraph.words) for paragraph in reasons(diagnosis, poses)]
-    why += [plain(words) for words in intervention_sentences(diagnosis)]
-    why += [plain(words) for words in drive_sentences(diagnosis.calibration.dataset.robot)]
-    return "\n\n".join([*why, f"Verdict: {plain(verdict(diagnosis))}"])
+    why = [
+        *(paragraph.words for paragraph in reasons(diagnosis, poses)),
+        *intervention_sentences(diagnosis),
+        *drive_sentences(diagnosis.calibration.dataset.robot),
+        spans("Verdict: ", verdict(diagnosis)),
+    ]
+    return "\n\n".join(map(plain, why))
 
 
 # ---- how the verdict was reached ------------------------------------------------------------------------------------
@@ -212,10 +212,14 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
             words.append(effect_added(before, after, diagnosis.conclusion.standing(after.effect or "") or "open"))
     confirm = {c.name: c.family.description.confirm for c in diagnosis.candidates}
     words += [confounded(one, confirm) for one in diagnosis.confounded_sets]
-    if diagnosis.undecided is not None and poses is not None and poses.discrimination is not None:
-        words.append(_discriminating(diagnosis, poses))
-    if poses is not None and poses.change is not None:
-        words.append(statement(poses.change))
+    if poses is not None:
+        if diagnosis.undecided is not None and poses.discrimination is not None:
+            shown = poses_to_measure(poses.poses[:_SHOWN_POSES], diagnosis.calibration.dataset.robot.is_revolute)
+            power = numbers.share(poses.discrimination.power)
+            settle = f"{len(poses.poses)} planned poses settle it with a probability of {power}."
+            words.append(f"Poses at which they differ most, joints in degrees: {shown}. {settle}")
+        if poses.change is not None:
+            words.append(statement(poses.change))
     if diagnosis.refused is not None:
         words.append(refusal(diagnosis.refused))
     words.append(residual_tests(diagnosis.residual_tests))
@@ -236,30 +240,28 @@ def _first_fit(calibration: Calibration) -> str:
     of_lengths = dataset.points is not None and dataset.points.lengths is not None
     measured, rmse = ("measured length", "RMSE") if of_lengths else ("measured point", "3D RMSE")
     instrument = "scanner" if dataset.shows_faces else "instrument"
-    ratio = (
-        f", {numbers.times(fit.reduced_chi)} the declared noise" if dataset.declares_noise else "; no noise is declared"
-    )
-    errors = (
-        f"; the {rmse} is {numbers.length(train.rmse_mm)} at the training poses, {numbers.length(test.rmse_mm)} at "
-        "the test poses"
-        if train and test
-        else ""
-    )
-    repeats = calibration.repeat_count
-    grouped = (
-        ""
-        if repeats is None
-        else f" The dataset's {repeats.repeats} points form {repeats.groups} repeat groups of equal joints and "
-        "conditions, and each group counts once, by the mean of its repeats."
-    )
-    shift = calibration.tool_shift
-    tool = "" if shift is None else f" {numbers.capitalised(tool_shift_sentence(shift))}."
-    return (
+    words = (
         f"The five-parameter model{' with ' + numbers.listing(families) if families else ''} was fitted to "
         f"{numbers.count(train.points if train else 0, measured)} of {dataset.robot.name}, the {instrument}'s "
-        f"place being unknown. The residual sigma is {numbers.length(calibration.sigma_mm)} per coordinate{ratio}"
-        f"{errors}.{grouped}{tool}"
+        f"place being unknown. The residual sigma is {numbers.length(calibration.sigma_mm)} per coordinate"
     )
+    words += (
+        f", {numbers.times(fit.reduced_chi)} the declared noise" if dataset.declares_noise else "; no noise is declared"
+    )
+    if train and test:
+        words += (
+            f"; the {rmse} is {numbers.length(train.rmse_mm)} at the training poses, {numbers.length(test.rmse_mm)} at "
+            "the test poses"
+        )
+    words += "."
+    if repeats := calibration.repeat_count:
+        words += (
+            f" The dataset's {repeats.repeats} points form {repeats.groups} repeat groups of equal joints and "
+            "conditions, and each group counts once, by the mean of its repeats."
+        )
+    if shift := calibration.tool_shift:
+        words += f" {numbers.capitalised(tool_shift_sentence(shift))}."
+    return words
 
 
 def effect_added(before: FitStep, after: FitStep, standing: str) -> Words:
@@ -288,37 +290,30 @@ def _lead(before: FitStep, after: FitStep, standing: str) -> Words:
     lead: Words = ()
     factor = after.log_bayes_factor
     if after.runner_up and factor is not None:
-        # Claimed with less, it has no rival: the next would explain something else, and is tried again after it.
-        no_rival = standing == "claimed" and factor <= MIN_LOG_BAYES_FACTOR
-        asked = (
-            ", which would explain something else" if no_rival else f" (more than {MIN_LOG_BAYES_FACTOR:g} is required)"
-        )
-        over = spans("; its log Bayes factor over the next, ", effect(after.runner_up))
-        lead = spans(
-            over, f", is {factor:.0f}" if not no_rival else "", asked, f", is {factor:.0f}" if no_rival else ""
-        )
+        found = f", is {factor:.0f} (more than {MIN_LOG_BAYES_FACTOR:g} is required)"
+        if standing == "claimed" and factor <= MIN_LOG_BAYES_FACTOR:
+            # Claimed with less, it has no rival: the next would explain something else, and is tried again after it.
+            found = f", which would explain something else, is {factor:.0f}"
+        lead = spans("; its log Bayes factor over the next, ", effect(after.runner_up), found)
     screening, candidate = before.screening, after.candidate
     above = () if screening is None or candidate is None else left_to_curves(screening, before.curves, candidate)
     if not above:
         return lead
     rank = "rank" if len(above) > 1 else "ranks"
     curved = f" {rank} above it, but curves of all joints explain clearly more"
-    return spans(lead, "; ", listed([effect(key) for key in above]), curved)
+    return spans(lead, "; ", effects(above), curved)
 
 
 def error_change(before: Calibration, after: Calibration) -> str:
     """Phrase on the change of the test poses' error (without test poses, the training poses') between two fits."""
-    tests, trains = (before.after.test, after.after.test), (before.after.train, after.after.train)
-    if tests[0] is not None and tests[1] is not None:
-        old_mm, new_mm = tests[0].rmse_mm, tests[1].rmse_mm
+    role, old_mm, new_mm = change_of_error(before.after, after.after)
+    change = numbers.length_change(old_mm, new_mm)
+    if role == "test":
         share = new_mm / old_mm - 1.0 if old_mm > 0.0 else 0.0
         go = "hardly changes," if abs(share) < SMALL_CHANGE else "falls" if share < 0.0 else "rises"
-        change = numbers.length_change(old_mm, new_mm)
         return f"With it the error of the test poses, which no fit saw, {go} {change}."
-    if trains[0] is not None and trains[1] is not None:
-        change = numbers.length_change(trains[0].rmse_mm, trains[1].rmse_mm)
-        return f"With it the error of the training poses goes {change}; no test poses confirm it."
-    return ""
+    known = before.after.train and after.after.train
+    return f"With it the error of the training poses goes {change}; no test poses confirm it." if known else ""
 
 
 def _values(values: Sequence[FittedValue], calibration: Calibration) -> str:
@@ -338,9 +333,9 @@ def _value(value: FittedValue, calibration: Calibration) -> str:
 def _doubts(values: Sequence[FittedValue]) -> str:
     """Sentence on the fitted value that exceeds its natural bound by most; "" where no value does."""
     beyond = [(abs(v.value) / v.bound.size, v, v.bound) for v in values if v.bound is not None]
-    if not beyond:
+    ratio, value, bound = max(beyond, key=lambda one: one[0], default=(0.0, None, None))
+    if value is None or bound is None:
         return ""
-    ratio, value, bound = max(beyond, key=lambda one: one[0])
     return (
         f" Doubt it: {value.name} is {numbers.times(ratio)} the largest value that is known of such a cause "
         f"({bound.size:g} {bound.unit}; {bound.source}), so another cause may stand behind the name."
@@ -356,49 +351,27 @@ def confounded(found: ConfoundedSet, confirm: dict[str, str]) -> Words:
     if found.equivalent:
         alike = (found.effect, *found.equivalent)
         behalf = "both" if len(alike) == 2 else "all of them"
-        why = " are indistinguishable at these poses; "
+        why = "are indistinguishable at these poses"
         if found.is_undecided:
             why = (
-                " could each be the cause, and none leads the others by a log Bayes factor of "
-                f"{MIN_LOG_BAYES_FACTOR:g}; "
+                f"could each be the cause, and none leads the others by a log Bayes factor of {MIN_LOG_BAYES_FACTOR:g}"
             )
         sentences.append(
             spans(
-                listed([with_key(key) for key in alike]),
-                why,
-                effect(found.effect),
+                listed(map(with_key, alike)), f" {why}; ", effect(found.effect),
                 f" is fitted on behalf of {behalf}, and none is claimed.",
             )
-        )
-        if any(confirm.get(key) for key in alike):
-            sentences.append(_to_tell_apart(alike, confirm))
+        )  # fmt: skip
+        if measures := "; ".join(f"for {key}, {confirm[key]}" for key in alike if confirm.get(key)):
+            sentences.append(f"To tell them apart, measure: {measures}.")
     if found.untested:
         sentences.append(
             spans(
-                "These data lack what would tell ",
-                with_key(found.effect),
-                " from ",
-                listed([effect(key) for key in found.untested]),
-                "; it is fitted on behalf of all of them, and none is claimed. To settle it, ",
-                found.would_help,
-                ".",
+                "These data lack what would tell ", with_key(found.effect), " from ", effects(found.untested),
+                "; it is fitted on behalf of all of them, and none is claimed. To settle it, ", found.would_help, ".",
             )
-        )
-    return spans(*[part for k, sentence in enumerate(sentences) for part in (" " if k else "", sentence)])
-
-
-def _to_tell_apart(keys: Sequence[str], confirm: dict[str, str]) -> str:
-    measures = "; ".join(f"for {key}, {confirm[key]}" for key in keys if confirm.get(key))
-    return f"To tell them apart, measure: {measures}."
-
-
-def _discriminating(diagnosis: Diagnosis, poses: NextPoses) -> str:
-    """Sentences on the planned poses that discriminate between effects of which none leads, and on their power."""
-    assert poses.discrimination is not None
-    shown = poses_to_measure(poses.poses[:_SHOWN_POSES], diagnosis.calibration.dataset.robot.is_revolute)
-    power = numbers.share(poses.discrimination.power)
-    settle = f"{len(poses.poses)} planned poses settle it with a probability of {power}."
-    return f"Poses at which they differ most, joints in degrees: {shown}. {settle}"
+        )  # fmt: skip
+    return joined(sentences, " ")
 
 
 def poses_to_measure(poses: Sequence[DiscriminatingPose], is_revolute: BoolArray) -> str:
@@ -421,60 +394,51 @@ def refusal(refused: Refusal) -> Words:
 
 def residual_tests(tests: ResidualTests) -> Words:
     """Text on the residual of a fit: its size, the noise, and the results of its tests."""
-    words = spans(
+    words: list[Words] = [
         f"The residual is {numbers.length(tests.residual_mm)} per coordinate; the noise is "
         f"{numbers.length(tests.noise_mm)}, {_NOISE_SOURCES[tests.noise_from]}."
-    )
+    ]
     if tests.masses_evidence > REPORTED_EVIDENCE:
-        words = spans(
-            words,
-            " A part of it follows from masses or centres of mass that differ from robot.toml (log evidence "
+        words.append(
+            "A part of it follows from masses or centres of mass that differ from robot.toml (log evidence "
             f"{tests.masses_evidence:.0f}); it was allowed for before anything else was looked for. Better masses in "
-            "robot.toml would remove it.",
+            "robot.toml would remove it."
         )
     if tests.structured:
-        words = spans(words, " ", _pattern(tests))
+        words.append(_pattern(tests))
     elif tests.inputs:
         closest = tests.inputs[0]
-        count = numbers.count(len(tests.inputs), "input")
-        words = spans(
-            words,
-            f" It does not depend systematically on any of {count} (closest: ", input_name(closest.input),
-            f", p = {numbers.probability(closest.p_value)}).",
-        )  # fmt: skip
+        none = f"It does not depend systematically on any of {numbers.count(len(tests.inputs), 'input')} (closest: "
+        words.append(spans(none, input_name(closest.input), f", p = {numbers.probability(closest.p_value)})."))
     if tests.too_large:
-        words = spans(words, " It is more than noise.")
+        words.append("It is more than noise.")
     if tests.fault is not None:
-        words = spans(words, " It looks as if ", fault(tests.fault), f" (log evidence {tests.fault.log_evidence:.0f}).")
+        words.append(spans("It looks as if ", fault(tests.fault), f" (log evidence {tests.fault.log_evidence:.0f})."))
     if tests.outlier_poses:
-        words = spans(words, " ", outliers_sentence(tests.outlier_poses))
-    return words
+        words.append(outliers_sentence(tests.outlier_poses))
+    return joined(words, " ")
 
 
 def outliers_sentence(poses: Sequence[str]) -> Words:
     """Sentence that names the poses whose residuals stand out of all others."""
-    if len(poses) == 1:
-        return spans("One pose stands out: ", pose(poses[0]), ".")
-    return spans("Single poses stand out: ", listed([pose(name) for name in poses]), ".")
+    subject = "One pose stands" if len(poses) == 1 else "Single poses stand"
+    return spans(f"{subject} out: ", listed(map(pose, poses)), ".")
 
 
 def _pattern(tests: ResidualTests) -> Words:
     first = tests.inputs[0]
     name = input_name(first.input)
-    where = "along that axis" if name == _axis(first.channel.name) else f"along {_axis(first.channel.name)}"
+    axis = f"{first.channel.name} of the instrument's frame"
+    where = "along that axis" if name == axis else f"along {axis}"
     if first.channel.axis == ALONG_LENGTH:
         where = "in the measured lengths"
     if first.channel.joint is not None:
         where = f"in the motion of {first.channel.name}"
     over = spans(" over ", name) if len(tests.structured) > 1 else ()
     return spans(
-        "It depends systematically on ", listed([input_name(key) for key in tests.structured]),
+        "It depends systematically on ", listed(map(input_name, tests.structured)),
         f" (p = {numbers.probability(first.p_value)}), most clearly {where}", *over, ": it is not noise.",
     )  # fmt: skip
-
-
-def _axis(name: str) -> str:
-    return f"{name} of the instrument's frame"
 
 
 def _learned(learned: LearnedModel) -> Words:
@@ -509,9 +473,7 @@ def _document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[str, Any]:
     """Document that `diagnose --json` prints, with the next poses to measure where they were chosen already."""
-    tests, last, held_out, refused = (
-        diagnosis.residual_tests, diagnosis.calibration, diagnosis.held_out, diagnosis.refused,
-    )  # fmt: skip
+    last, held_out, refused = diagnosis.calibration, diagnosis.held_out, diagnosis.refused
     return to_dict({
         "dataset": last.dataset.name,
         "stands": stands_document(last),
@@ -520,63 +482,38 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "worse_than_nominal": worsening_sentence(last) or None,
         "table_doubts": doubtful_entries(last),
         "leading_entry": leading_entry(last),
-        "verdict": diagnosis.verdict,
-        "missing": diagnosis.missing,
-        "suspected": diagnosis.suspected,
-        "ambiguous_set": diagnosis.ambiguous_set,
+        **keys_of(
+            diagnosis, "verdict", "missing", "suspected", "ambiguous_set", "far_test_poses", "steps", "learned",
+            "data_problem",
+        ),
         "open_sets": diagnosis.confounded_sets,
-        "refused": None if refused is None else refused.effect,
-        "refused_why": None if refused is None else refused.why,
-        "far_test_poses": diagnosis.far_test_poses,
-        "promise": None if held_out is None else asdict(held_out) | {"kept": not held_out.is_broken},
-        "steps": diagnosis.steps,
+        "refused": refused and refused.effect,
+        "refused_why": refused and refused.why,
+        "promise": held_out and {**document(held_out), "kept": not held_out.is_broken},
         **budget_document(diagnosis.budget),
         **proven_document(diagnosis),
         **probability_document(diagnosis.probabilities),
         "candidates": [to_dict(c) | {"probability": diagnosis.probabilities.of(c.name)} for c in diagnosis.candidates],
         "untestable": [{"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable],
-        "leftover": {
-            "lack_of_fit_p": tests.lack_of_fit_p,
-            "noise_mm": tests.noise_mm,
-            "noise_from": tests.noise_from,
-            "residual_mm": tests.residual_mm,
-            "inputs": tests.inputs,
-            "outlier_poses": tests.outlier_poses,
-            "fault": tests.fault,
-            "masses_log_evidence": tests.masses_evidence,
-        },
+        "leftover": diagnosis.residual_tests,
         "simpler": None,  # was a dent or a slip, which are effects now
         "measure_next": () if poses is None else poses.poses,
         "prove_next": None if poses is None else poses.change,
         "explanation": explanation(diagnosis, poses),
         "outside": last.outside,
-        "learned": diagnosis.learned,
         "noise": noise_document(diagnosis),
-        "data_problem": diagnosis.data_problem,
         **signals_document(last.dataset.robot),
         **promise_document(promise(last), last.dataset.poses),
     })  # fmt: skip
 
 
 @document.register
-def _confounded_document(found: ConfoundedSet) -> dict[str, Any]:
-    return {
-        "effect": found.effect,
-        "twins": found.equivalent,
-        "untested": found.untested,
-        "would_help": found.would_help,
-    }
-
-
-@document.register
 def _step_document(step: FitStep) -> dict[str, Any]:
-    after = step.calibration.after
     return {
-        "effect": step.effect,
-        "train_rmse_mm": after.train.rmse_mm if after.train else None,
-        "test_rmse_mm": after.test.rmse_mm if after.test else None,
-        "sigma_mm": step.calibration.sigma_mm,
-        "p_value": step.candidate.p_value if step.candidate else None,
+        **keys_of(step, "effect"),
+        **keys_of(step.calibration.after, "train_rmse_mm", "test_rmse_mm"),
+        **keys_of(step.calibration, "sigma_mm"),
+        "p_value": step.candidate and step.candidate.p_value,
         "log_evidence_margin": step.log_bayes_factor,
     }
 
@@ -585,12 +522,7 @@ def _step_document(step: FitStep) -> dict[str, Any]:
 def _candidate_document(candidate: Candidate) -> dict[str, Any]:
     return {
         "effect": candidate.name,
-        "p_value": candidate.p_value,
-        "p_holm": candidate.p_holm,
-        "log_evidence": candidate.log_evidence,
-        "explained_share": candidate.explained_share,
-        "cv_rmse_mm": candidate.cv_rmse_mm,
-        "overlaps": candidate.overlaps,
+        **keys_of(candidate, "p_value", "p_holm", "log_evidence", "explained_share", "cv_rmse_mm", "overlaps"),
         "parameters": candidate.values,
         "note": candidate.family.note or None,
     }
@@ -603,14 +535,9 @@ def _input_test_document(test: InputTest) -> dict[str, Any]:
 
 @document.register
 def _learned_document(learned: LearnedModel) -> dict[str, Any]:
-    train, test = learned.after.after.train, learned.after.after.test
     return {
-        "joints": learned.joints,
-        "inputs": learned.inputs,
-        "formula": learned.formula,
-        "train_rmse_mm": train.rmse_mm if train else None,
-        "test_rmse_mm": test.rmse_mm if test else None,
-        "share": learned.share,
+        **keys_of(learned, "joints", "inputs", "formula", "share"),
+        **keys_of(learned.after.after, "train_rmse_mm", "test_rmse_mm"),
         "readings": readings_document(curve_readings(learned.after)),
         "couplings": coupling_readings(learned.after),
         "laws": laws_document(law_readings(learned.after), learned.laws),

@@ -8,10 +8,12 @@ from calib.diagnosis.contradictions import Contradiction
 from calib.diagnosis.result import Diagnosis
 from calib.intervention.joint_fit import JointFit
 from calib.intervention.pairs import APPROACH, PAYLOAD, SPEED
-from calib.intervention.proof import MIN_LEAD, Cause, Intervention, Proof
+from calib.intervention.proof import MIN_LEAD, Intervention, Proof
 from calib.present.effects import title, with_key
+from calib.present.fit.calibration import change_of_error
+from calib.present.results import keys_of
 from calib.rendering import numbers
-from calib.rendering.blocks import Block, FigurePlace, Paragraph, Section, Words, effect, joint, listed, spans
+from calib.rendering.blocks import Block, FigurePlace, Paragraph, Section, Words, effect, effects, joint, listed, spans
 
 PROVEN = "Proven by changing one thing"
 _TAKEN_AWAY = "the motion of the instrument and the shift of the tool between the runs are taken away."
@@ -39,10 +41,8 @@ def intervention_sentences(diagnosis: Diagnosis) -> list[Words]:
 
 
 def _proven(intervention: Intervention, proof: Proof) -> Words:
-    confirmed = ""
-    if intervention.held_out:
-        pairs = numbers.count(intervention.held_out, "pair")
-        confirmed = f" It predicts {pairs} of test poses, which no fit saw, no worse."
+    pairs = numbers.count(intervention.held_out, "pair")
+    confirmed = f" It predicts {pairs} of test poses, which no fit saw, no worse." if intervention.held_out else ""
     return spans(
         f"Proven by {numbers.count(proof.pairs, 'pair')}, {_change(intervention)}: ", with_key(proof.effect),
         _of_joint(proof.joint), f", {proof.parameter} = {numbers.with_sigma(proof.value, proof.sigma, proof.unit)}. "
@@ -53,25 +53,25 @@ def _proven(intervention: Intervention, proof: Proof) -> Words:
 
 def _not_proven(intervention: Intervention) -> list[Words]:
     pairs = f"{numbers.count(intervention.pairs, 'pair')}, {_change(intervention)}, "
-    if len(intervention.open_causes) == 1:
-        only = _cause(intervention.open_causes[0])
-        return [spans(f"{numbers.capitalised(pairs)}speak for ", only, ", but not clearly enough to prove it.")]
-    if intervention.open_causes:
-        between = listed([_cause(cause) for cause in intervention.open_causes], "or")
-        return [spans(f"{numbers.capitalised(pairs)}do not settle what moves the arm: ", between, ".")]
+    causes = [spans(effect(one.effect, title(one.effect)), _of_joint(one.joint)) for one in intervention.open_causes]
+    if len(causes) == 1:
+        return [spans(f"{pairs}speak for ", *causes, ", but not clearly enough to prove it.")]
+    if causes:
+        return [spans(f"{pairs}do not settle what moves the arm: ", listed(causes, "or"), ".")]
     if intervention.proofs:
         return []
-    return [f"{numbers.capitalised(pairs)}show no effect beyond noise, a moved instrument and a moved tool."]
+    return [f"{pairs}show no effect beyond noise, a moved instrument and a moved tool."]
 
 
 def _contradicted(contradiction: Contradiction) -> Words:
     proof = contradiction.proof
-    subject = spans("The fit of all poses contradicts the pairs on ", effect(proof.effect), _of_joint(proof.joint))
-    if contradiction.fitted is None:
-        instead = listed([effect(name) for name in contradiction.instead])
-        return spans(subject, ": it names ", instead, " instead. Believe the pairs, in which all geometry cancels.")
-    fitted = numbers.with_sigma(*contradiction.fitted, proof.unit)
-    return spans(subject, f": it has {fitted}. Believe the pairs, in which all geometry cancels.")
+    finds = spans("names ", effects(contradiction.instead), " instead")
+    if contradiction.fitted is not None:
+        finds = (f"has {numbers.with_sigma(*contradiction.fitted, proof.unit)}",)
+    return spans(
+        "The fit of all poses contradicts the pairs on ", effect(proof.effect), _of_joint(proof.joint), ": it ", finds,
+        ". Believe the pairs, in which all geometry cancels.",
+    )  # fmt: skip
 
 
 def _together(diagnosis: Diagnosis, joint_fit: JointFit) -> Words:
@@ -87,15 +87,10 @@ def _together(diagnosis: Diagnosis, joint_fit: JointFit) -> Words:
         for word, names in (("with", joint_fit.added), ("without", joint_fit.dropped))
         if names
     ]
-    before, after = diagnosis.calibration.after, joint_fit.calibration.after
-    role, one, other = (
-        ("test", before.test, after.test) if after.test and before.test else ("training", before.train, after.train)
-    )
-    assert one is not None
-    assert other is not None
+    role, before_mm, after_mm = change_of_error(diagnosis.calibration.after, joint_fit.calibration.after)
     return spans(
         f"Single poses and differences fitted together{of_weight}:", *changed, " " if not changed else ": ",
-        listed(values), f"; {role} RMSE {numbers.length(other.rmse_mm)} instead of {numbers.length(one.rmse_mm)}.",
+        listed(values), f"; {role} RMSE {numbers.length(after_mm)} instead of {numbers.length(before_mm)}.",
     )  # fmt: skip
 
 
@@ -115,15 +110,11 @@ def _joint_document(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if found is None:
         return None
     keys = ("effect", "joint", "parameter", "value", "sigma", "unit")
-    before, after = diagnosis.calibration.after, found.calibration.after
+    roles = ("train_rmse_mm", "test_rmse_mm")
     return {
-        "train_rmse_mm": after.train.rmse_mm if after.train else None,
-        "test_rmse_mm": after.test.rmse_mm if after.test else None,
-        "alone_train_rmse_mm": before.train.rmse_mm if before.train else None,
-        "alone_test_rmse_mm": before.test.rmse_mm if before.test else None,
-        "weight_of_single": found.weight_of_single,
-        "added": found.added,
-        "dropped": found.dropped,
+        **keys_of(found.calibration.after, *roles),
+        **{f"alone_{key}": mm for key, mm in keys_of(diagnosis.calibration.after, *roles).items()},
+        **keys_of(found, "weight_of_single", "added", "dropped"),
         "values": [dict(zip(keys, row, strict=True)) for row in _joint_values(diagnosis, found)],
     }
 
@@ -146,10 +137,6 @@ def _change(intervention: Intervention) -> str:
 # ---- words and documents --------------------------------------------------------------------------------------------
 
 
-def _cause(cause: Cause) -> Words:
-    return spans(effect(cause.effect, title(cause.effect)), _of_joint(cause.joint))
-
-
 def _of_joint(number: int | None) -> Words:
     return () if number is None else spans(" of ", joint(number, f"joint {number}"))
 
@@ -159,16 +146,7 @@ def proven_document(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "joint_fit": _joint_document(diagnosis),
         "proven": [
-            {
-                "effect": proof.effect,
-                "joint": proof.joint,
-                "parameter": proof.parameter,
-                "value": proof.value,
-                "sigma": proof.sigma,
-                "unit": proof.unit,
-                "pairs": proof.pairs,
-                "condition": proof.condition,
-            }
+            keys_of(proof, "effect", "joint", "parameter", "value", "sigma", "unit", "pairs", "condition")
             for proof in diagnosis.proven
         ],
     }

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.diagnosis.verdict import Findings
-from calib.noise_shape import IDENTITY, CorrelatedDrift, NoiseShape
+from calib.noise_shape import IDENTITY, NoiseShape
 from calib.present.effects import title
 from calib.rendering import numbers
 from calib.screening.noise_search import ShownNoise
@@ -43,13 +43,27 @@ def noise_sentences(findings: Findings) -> str:
     shown = findings.noise
     if shown is None:
         return ""
-    sentences = (
-        _directions(shown.shape, noise_sigma_mm(findings)),
-        _growth(shown.shape.growth_per_m),
-        _drift(shown.shape.wander),
-        _tail(shown.shape.tail),
-        _rival(shown.rival),
-    )
+    shape, growth = shown.shape, float(np.expm1(shown.shape.growth_per_m))
+    sentences = [_directions(shape, noise_sigma_mm(findings))]
+    if growth:
+        how = f"grows by {numbers.share(growth)}" if growth > 0.0 else f"falls by {numbers.share(-growth)}"
+        sentences.append(f"The scanner's noise {how} with each metre of distance.")
+    if (drift := shape.wander) is not None:
+        unit = "poses" if drift.in_poses else "s"
+        sentences.append(
+            f"{numbers.share(drift.share)} of the noise's variance is a slow drift: what is measured moves as a whole, "
+            f"and points within about {drift.time:.3g} {unit} of each other move alike."
+        )
+    if shape.tail is not None:
+        sentences.append(
+            f"The noise has heavier tails than a normal distribution (Student's t, {shape.tail:g} degrees of freedom): "
+            "single points far out are part of it, not mistakes."
+        )
+    if shown.rival:
+        sentences.append(
+            f"Such a drift explains as much as {title(shown.rival)} would, so {shown.rival} is not claimed. To tell "
+            "them apart, measure one pose again and again through the session."
+        )
     shows = "The repeated measurements show" if shown.from_repeats else "The residual shows"
     end = f"{shows} this; the fit weights the points by it, and the size of the noise stays as it was."
     return " ".join([*filter(None, sentences), end])
@@ -65,9 +79,9 @@ def noise_document(findings: Findings) -> dict[str, Any] | None:
         "isotropic_mm": sigma_mm,
         "axes_mm": axes_mm(shape, sigma_mm),
         "growth_per_m": shape.growth_per_m or None,
-        "correlation_s": drift.time if drift is not None and not drift.in_poses else None,
-        "correlation_poses": drift.time if drift is not None and drift.in_poses else None,
-        "wander_share": drift.share if drift is not None else None,
+        "correlation_s": drift.time if drift and not drift.in_poses else None,
+        "correlation_poses": drift.time if drift and drift.in_poses else None,
+        "wander_share": drift and drift.share,
         "tail": shape.tail,
         "rival": shown.rival or None,
         "from": "repeats" if shown.from_repeats else "fit",
@@ -98,39 +112,3 @@ def _axis(direction: np.ndarray) -> str:
         return "in depth, along z of its frame," if k == 2 else f"along {'xyz'[k]} of its frame"
     x, y, z = direction * np.sign(direction[k])
     return f"along ({x:.2f}, {y:.2f}, {z:.2f}) of its frame"
-
-
-def _growth(per_m: float) -> str:
-    if per_m == 0.0:
-        return ""
-    more = float(np.expm1(per_m))
-    how = f"grows by {numbers.share(more)}" if per_m > 0.0 else f"falls by {numbers.share(-more)}"
-    return f"The scanner's noise {how} with each metre of distance."
-
-
-def _drift(drift: CorrelatedDrift | None) -> str:
-    if drift is None:
-        return ""
-    unit = "poses" if drift.in_poses else "s"
-    return (
-        f"{numbers.share(drift.share)} of the noise's variance is a slow drift: what is measured moves as a whole, and "
-        f"points within about {drift.time:.3g} {unit} of each other move alike."
-    )
-
-
-def _tail(tail: float | None) -> str:
-    if tail is None:
-        return ""
-    return (
-        f"The noise has heavier tails than a normal distribution (Student's t, {tail:g} degrees of freedom): single "
-        "points far out are part of it, not mistakes."
-    )
-
-
-def _rival(rival: str) -> str:
-    if not rival:
-        return ""
-    return (
-        f"Such a drift explains as much as {title(rival)} would, so {rival} is not claimed. To tell them apart, "
-        "measure one pose again and again through the session."
-    )

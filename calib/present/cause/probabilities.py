@@ -6,7 +6,7 @@ from typing import Any
 
 from calib.diagnosis.probabilities import UNKNOWN, CauseProbabilities, CauseSet
 from calib.rendering import numbers
-from calib.rendering.blocks import Words, effect, listed, spans
+from calib.rendering.blocks import Words, effect, joined, listed, spans
 
 _TOLD = 0.01  # probability from which a set of causes is told
 _MOST = 5  # sets that are told
@@ -21,8 +21,7 @@ def probability_sentence(found: CauseProbabilities) -> Words:
     parts: list[Words] = [spans(_named(one), f" {numbers.bounded_share(one.p)}") for one in told]
     if rest >= _TOLD:
         parts.append(f"other sets {numbers.bounded_share(rest)}")
-    joined = spans(*(part for k, words in enumerate(parts) for part in ("; " if k else "", words)))
-    return spans("How likely each set of causes is: ", joined, ".")
+    return spans("How likely each set of causes is: ", joined(parts), ".")
 
 
 def _named(one: CauseSet) -> Words:

@@ -6,9 +6,9 @@ from typing import Any
 
 from calib.kinematics.robot import DriveTerm, LinkEncoder, MeasuredLoad, Robot
 from calib.present.effects import with_key
-from calib.present.results import document, to_dict
+from calib.present.results import document, keys_of
 from calib.rendering import numbers
-from calib.rendering.blocks import Paragraph, Section, Words, spans
+from calib.rendering.blocks import Paragraph, Section, Words, joined, spans
 
 DRIVES = "Between motors and links"
 _SHOWN_VALUES = 2  # of a law, that are written out
@@ -29,9 +29,8 @@ def drive_sentences(robot: Robot) -> list[Words]:
 def _drive(encoder: LinkEncoder) -> Words:
     rms = numbers.size(encoder.rms_rad, "rad")
     left = numbers.size(encoder.left_rad, "rad")
-    words: list[Any] = [f"Joint {encoder.joint + 1}: its link is off from its motor by {rms} RMS, beside a constant"]
-    for k, term in enumerate(encoder.terms):
-        words += [": " if k == 0 else "; ", with_key(effect_of(term)), _values(term)]
+    off = f"Joint {encoder.joint + 1}: its link is off from its motor by {rms} RMS, beside a constant"
+    terms = joined(spans(with_key(effect_of(term)), _values(term)) for term in encoder.terms)
     noise = ""
     if encoder.sigma_rad is not None:
         beyond = encoder.left_rad > 1.3 * encoder.sigma_rad
@@ -39,8 +38,9 @@ def _drive(encoder: LinkEncoder) -> Words:
         noise = f", {'more than' if beyond else 'as'} the declared noise, {declared}{', explains' if beyond else ''}"
     nothing = "; no law of a drive explains it" if not encoder.terms else ""
     return spans(
-        *words, f"{nothing}. {numbers.capitalised(left)} are left{noise}. The model takes the encoder's angle, so none "
-        "of this is fitted to the measured points; where the encoder was not read, these laws stand in.",
+        off, ": " if encoder.terms else "", terms,
+        f"{nothing}. {numbers.capitalised(left)} are left{noise}. The model takes the encoder's angle, so none of this "
+        "is fitted to the measured points; where the encoder was not read, these laws stand in.",
     )  # fmt: skip
 
 
@@ -73,11 +73,7 @@ def _measured_load_document(load: MeasuredLoad) -> dict[str, Any]:
         "column": f"torque{load.joint + 1}_nm",
         "of": "load" if load.sign > 0.0 else "drive",
         "explained_by_weight": load.explained,
-        "sigma_nm": load.sigma_nm,
-        "sigma_from": load.sigma_from,
-        "trust": load.trust,
-        "offset_nm": load.offset_nm,
-        "friction_nm": load.friction_nm,
+        **keys_of(load, "sigma_nm", "sigma_from", "trust", "offset_nm", "friction_nm"),
     }
 
 
@@ -86,19 +82,13 @@ def _link_encoder_document(encoder: LinkEncoder) -> dict[str, Any]:
     return {
         "joint": encoder.joint + 1,
         "column": f"link_q{encoder.joint + 1}_deg",
-        "offset_rad": encoder.offset_rad,
-        "rms_rad": encoder.rms_rad,
-        "left_rad": encoder.left_rad,
-        "sigma_rad": encoder.sigma_rad,
+        **keys_of(encoder, "offset_rad", "rms_rad", "left_rad", "sigma_rad"),
         "causes": [
-            to_dict({
+            {
                 "cause": effect_of(term),
-                "law": term.law,
-                "values": term.values,
-                "sigmas": term.sigmas,
+                **keys_of(term, "law", "values", "sigmas", "share"),
                 "unit": _UNITS.get(term.law, "rad") if len(term.values) <= _SHOWN_VALUES else None,
-                "share": term.share,
-            })
+            }
             for term in encoder.terms
         ],
-    }  # fmt: skip
+    }

@@ -21,7 +21,7 @@ from calib.present.fit.calibration import leading_entry_sentence, table_doubts
 from calib.present.fit.laws import law_phrase
 from calib.present.names import input_name
 from calib.rendering import numbers
-from calib.rendering.blocks import Words, capitalised, effect, joint, listed, pose, spans
+from calib.rendering.blocks import Words, capitalised, effect, effects, joined, joint, listed, pose, spans
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.law_readings import law_readings
 from calib.screening.curves.law_search import FoundLaws
@@ -59,45 +59,39 @@ def verdict(diagnosis: Diagnosis) -> Words:
 def _adequate(diagnosis: Diagnosis) -> Words:
     left = worst_pose(diagnosis.calibration)
     at_most = () if left is None else spans(": the largest error is ", _at_pose(left))
-    if not diagnosis.candidates:
-        return spans(
-            "adequate", at_most, ". These data can test none of the catalogue's effects; what is left is no more than ",
-            "noise, and ", _nothing_else(diagnosis), ".",
-        )  # fmt: skip
-    silent = untestable_names(diagnosis.untestable)
-    names = numbers.in_short(silent, _SHOWN_UNTESTABLE)
+    names = numbers.in_short(untestable_names(diagnosis.untestable), _SHOWN_UNTESTABLE)
     covers = f", as far as these data can tell ({names}: not testable)" if names else ""
-    return spans(
-        "adequate", at_most, f". Nothing in the catalogue is missing beyond noise{covers}, and ",
-        _nothing_else(diagnosis), ".",
-    )  # fmt: skip
+    found = f"Nothing in the catalogue is missing beyond noise{covers}"
+    if not diagnosis.candidates:
+        found = "These data can test none of the catalogue's effects; what is left is no more than noise"
+    return spans("adequate", at_most, f". {found}, and {_nothing_else(diagnosis)}.")
 
 
 def _named(diagnosis: Diagnosis) -> Words:
     them = "them" if len(diagnosis.missing) > 1 else "it"
     contradiction = ""
-    points = _contradicting_points(diagnosis)
-    if points is not None:
+    first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
+    if first and last and last.rmse_mm >= (1.0 + SMALL_CHANGE) * first.rmse_mm:
         contradiction = (
-            f" But the {points} test points do not confirm it: they got worse, though by no more than their scatter. "
-            "Take it for a lead, and measure more poses."
+            f" But the {last.points} test points do not confirm it: they got worse, though by no more than their "
+            "scatter. Take it for a lead, and measure more poses."
         )
-    return spans(_missing(diagnosis), f". With {them} ", _nothing_else(diagnosis), ".", contradiction)
+    return spans(_missing(diagnosis), f". With {them} {_nothing_else(diagnosis)}.{contradiction}")
 
 
 def _ambiguous(diagnosis: Diagnosis) -> Words:
     open_causes = _causes(diagnosis, [confounded.effect for confounded in diagnosis.confounded_sets])
     first = next(iter(open_causes), None)
     left = worst_pose(diagnosis.calibration) if first is None else first.largest
-    after = spans(" after ", listed([effect(key) for key in diagnosis.missing])) if diagnosis.missing else ()
+    after = spans(" after ", effects(diagnosis.missing)) if diagnosis.missing else ()
     makes: Words = ()
     if left is not None:
         carriers = () if first is None or not first.joints else spans(" of ", _joints(first.joints))
         makes = spans(": something", carriers, " makes up to ", _at_pose(left))
-    candidates = listed([effect(key) for key in diagnosis.ambiguous_set], "or")
     return spans(
-        "ambiguous", after, makes, ". These data cannot tell which effect is the cause: ", candidates,
-        "; it is one of them if the catalogue has it at all.", _suspicion(diagnosis.suspected),
+        "ambiguous", after, makes, ". These data cannot tell which effect is the cause: ",
+        effects(diagnosis.ambiguous_set, "or"), "; it is one of them if the catalogue has it at all.",
+        _suspicion(diagnosis.suspected),
     )  # fmt: skip
 
 
@@ -133,12 +127,9 @@ def _unexplained(diagnosis: Diagnosis) -> Words:
         number = tests.strongest_joint
         most = () if number is None else spans(", most of it in the motion of ", joint(number, f"joint {number}"))
         unknown = spans(": up to ", _at_pose(left), " has no known cause", most)
-    helping = [effect(key) for key in diagnosis.suspected]
-    begin = (
-        spans(listed(helping), " help" if len(helping) > 1 else " helps", ", yet ")
-        if helping
-        else ("No effect of the catalogue fits: ",)
-    )
+    begin: Words = "No effect of the catalogue fits: "
+    if helping := diagnosis.suspected:
+        begin = spans(effects(helping), " help" if len(helping) > 1 else " helps", ", yet ")
     return spans("unexplained", unknown, ". ", begin, _left_unexplained(diagnosis), _suspicion(diagnosis.suspected))
 
 
@@ -189,11 +180,8 @@ def promise(test: HeldOutTest) -> str:
 
 
 def _missing(diagnosis: Diagnosis) -> Words:
-    causes = _causes(diagnosis, diagnosis.missing)
-    parts: list[Words] = []
-    for k, one in enumerate(causes):
-        parts += ["; and " if k else "", cause(one, diagnosis.calibration)]
-    named = spans(*parts) if causes else listed([with_key(key) for key in diagnosis.missing])
+    causes = [cause(one, diagnosis.calibration) for one in _causes(diagnosis, diagnosis.missing)]
+    named = joined(causes, "; and ") if causes else listed(map(with_key, diagnosis.missing))
     return spans("What is missing is ", named)
 
 
@@ -209,10 +197,9 @@ def _causes(diagnosis: Diagnosis, keys: Sequence[str]) -> list[Cause]:
 def cause(found: Cause, calibration: Calibration) -> Words:
     """Text on an effect: its noun and joints, its size, and the pose where it is largest."""
     noun = "" if found.leading is None else describe(found.leading).noun
-    key: Words = spans(" (", effect(found.effect), ")")
-    if not noun:
-        noun, key = (f"{title(found.effect)} of joint" if found.joints else title(found.effect)), ()
-        key = spans(" (", effect(found.effect), ")") if title(found.effect) != found.effect else ()
+    named_by_key = not noun and title(found.effect) == found.effect
+    key: Words = () if named_by_key else spans(" (", effect(found.effect), ")")
+    noun = noun or title(found.effect) + (" of joint" if found.joints else "")
     named: Words = noun
     if noun.endswith(" joint"):
         rest, preposition = noun.removesuffix(" joint").rsplit(" ", 1)
@@ -224,28 +211,13 @@ def cause(found: Cause, calibration: Calibration) -> Words:
             named = spans(f"{rest} {preposition} ", joint(found.joints[0], f"joint {found.joints[0]}"))
         else:
             named = rest
-    size = _cause_size(found, calibration)
-    where = () if found.largest is None else spans("up to ", _at_pose(found.largest))
-    facts = spans(size, ", " if size and where else "", where)
-    return spans(named, key, ": " if facts else "", facts)
-
-
-def _cause_size(found: Cause, calibration: Calibration) -> str:
-    """Size of an effect at its leading joint: an amplitude, or the meaning of its surest value on the arm."""
-    if found.main is None or found.leading is None:
-        return ""
-    main = found.main
-    if main.parameter is None:
-        return numbers.size(main.value, main.unit)
-    return meaning(found.leading, main.parameter, main.value, calibration) or numbers.size(main.value, main.unit)
-
-
-def _contradicting_points(diagnosis: Diagnosis) -> int | None:
-    """Number of test points, where the added effects did not lower the test error; None where they did."""
-    first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
-    if first is None or last is None or last.rmse_mm < (1.0 + SMALL_CHANGE) * first.rmse_mm:
-        return None
-    return last.points
+    main, size = found.main, ""  # at its leading joint: an amplitude, or the meaning of its surest value on the arm
+    if main is not None and found.leading is not None:
+        means = main.parameter and meaning(found.leading, main.parameter, main.value, calibration)
+        size = means or numbers.size(main.value, main.unit)
+    facts = [size] if size else []
+    where = [spans("up to ", _at_pose(found.largest))] if found.largest is not None else []
+    return joined([spans(named, key), *([joined([*facts, *where], ", ")] if facts or where else [])], ": ")
 
 
 def _nothing_else(diagnosis: Diagnosis) -> str:
@@ -253,14 +225,11 @@ def _nothing_else(diagnosis: Diagnosis) -> str:
     beyond = diagnosis.held_out_beyond_noise
     if beyond is None:
         return "nothing else shows"
+    off = f"{numbers.length(beyond.rmse_mm)}, {numbers.times(beyond.noise_ratio)} the noise"
     return (
-        f"nothing else shows at the training poses; the test poses are off by {_times_noise(beyond)}, as they may be "
-        "where the training poses say little about such poses"
+        f"nothing else shows at the training poses; the test poses are off by {off}, as they may be where the training "
+        "poses say little about such poses"
     )
-
-
-def _times_noise(error: HeldOutError) -> str:
-    return f"{numbers.length(error.rmse_mm)}, {numbers.times(error.noise_ratio)} the noise"
 
 
 def _suspicion(keys: Sequence[str]) -> Words:
@@ -273,7 +242,7 @@ def _suspicion(keys: Sequence[str]) -> Words:
     leave = f"Do not dismantle anything because of {them}."
     advice = "Either way that would lie outside the arm: leave the arm closed." if outside else leave
     return spans(
-        " ", listed([effect(key) for key in keys]),
+        " ", effects(keys),
         f" {are} suspected, not shown: what causes the rest may cause {their} part too. {advice}",
     )  # fmt: skip
 
@@ -283,7 +252,7 @@ def _at_pose(at: AtPose) -> Words:
 
 
 def _joints(of: Sequence[int]) -> Words:
-    return spans("joints " if len(of) > 1 else "joint ", listed([joint(number) for number in of]))
+    return spans("joints " if len(of) > 1 else "joint ", listed(map(joint, of)))
 
 
 def _inputs(keys: Sequence[str]) -> Words:
@@ -303,22 +272,20 @@ def fault(found: JointFault) -> Words:
 def curves(joints: Sequence[int], inputs: Sequence[str], log_evidence: float | None) -> Words:
     """Sentence on curves of joints (counted from 1) over inputs, and their log evidence."""
     worth = "" if log_evidence is None else f" (log evidence {log_evidence:.0f} over noise)"
-    several = len(joints) > 1
-    return spans(
-        "The residual follows ", "curves of " if several else "a curve of ", _joints(joints), " over ",
-        listed([input_name(key) for key in inputs]), f" that no effect of the catalogue makes{worth}.",
-    )  # fmt: skip
+    return _followed("curves" if len(joints) > 1 else "a curve", joints, inputs, worth)
+
+
+def _followed(what: str, joints: Sequence[int], inputs: Sequence[str], worth: str) -> Words:
+    over = listed(map(input_name, inputs))
+    follows = f"The residual follows {what} of "
+    return spans(follows, _joints(joints), " over ", over, f" that no effect of the catalogue makes{worth}.")
 
 
 def laws(joints: Sequence[int], inputs: Sequence[str], found: FoundLaws) -> Words:
     """Sentence on laws of joints (counted from 1) over inputs, their log evidence, and how many were tried."""
-    many = "laws" if len(found.laws) > 1 else "a law"
-    return spans(
-        f"The residual follows {many} of ", _joints(joints), " over ",
-        listed([input_name(key) for key in inputs]),
-        f" that no effect of the catalogue makes (log evidence {found.log_evidence:.0f} over noise, less the cost of "
-        f"choosing among {found.tried}).",
-    )  # fmt: skip
+    less = f", less the cost of choosing among {found.tried}"
+    worth = f" (log evidence {found.log_evidence:.0f} over noise{less})"
+    return _followed("laws" if len(found.laws) > 1 else "a law", joints, inputs, worth)
 
 
 # ---- the residual in short, and the advice --------------------------------------------------------------------------
@@ -345,7 +312,7 @@ def _residual(tests: ResidualTests, held_out: HeldOutError | None) -> Words:
     if tests.too_large:
         return "more than noise, without a systematic dependence"
     if tests.outlier_poses:
-        return spans("noise, apart from single poses (", listed([pose(name) for name in tests.outlier_poses]), ")")
+        return spans("noise, apart from single poses (", listed(map(pose, tests.outlier_poses)), ")")
     if held_out is not None:
         ratio = f"{numbers.times(held_out.noise_ratio)} the noise"
         return f"noise at the training poses; {numbers.length(held_out.rmse_mm)} at the test poses, {ratio}"
@@ -363,17 +330,17 @@ def move(made: Move) -> Words:
         case AddEffect():
             factor = made.log_bayes_factor
             leads = "" if factor is None else f", its log Bayes factor over the next {factor:.0f}"
+            evidence = f"{made.candidate.log_evidence:.0f}"
+            explains: Words = (
+                f" explains it best: its log evidence is {evidence} ({MIN_LOG_BAYES_FACTOR:g} would do){leads}. Add it"
+            )
             if made.instead_of:
-                return spans(
-                    capitalised(with_key(made.name)), " explains more than ", with_key(made.instead_of),
-                    f" given all other effects (log evidence {made.candidate.log_evidence:.0f}{leads}). It takes that "
-                    "effect's place; it is the cause if noise alone is left in the end.",
+                explains = spans(
+                    " explains more than ", with_key(made.instead_of),
+                    f" given all other effects (log evidence {evidence}{leads}). It takes that effect's place",
                 )  # fmt: skip
-            return spans(
-                capitalised(with_key(made.name)), f" explains it best: its log evidence is "
-                f"{made.candidate.log_evidence:.0f} ({MIN_LOG_BAYES_FACTOR:g} would do){leads}. Add it; it is the "
-                "cause if noise alone is left in the end.",
-            )  # fmt: skip
+            cause_if = "; it is the cause if noise alone is left in the end."
+            return spans(capitalised(with_key(made.name)), explains, cause_if)
         case DropEffect(name=name):
             return spans(
                 capitalised(with_key(name)), " is superfluous now: the other effects explain what it does. Remove it."
@@ -381,7 +348,7 @@ def move(made: Move) -> Words:
         case LeaveOutPoses(poses=poses):
             them = "them" if len(poses) > 1 else "it"
             return spans(
-                "Without ", listed([pose(name) for name in poses]), " nothing but noise is left", _besides(made),
+                "Without ", listed(map(pose, poses)), " nothing but noise is left", _besides(made),
                 f". Leave {them} out, and measure {them} again.",
             )  # fmt: skip
         case ShapeNoise():
@@ -401,4 +368,4 @@ def move(made: Move) -> Words:
 
 def _besides(made: LeaveOutPoses | ShapeNoise) -> Words:
     missing = made.diagnosis.missing
-    return spans(" besides ", listed([effect(key) for key in missing])) if missing else ()
+    return spans(" besides ", effects(missing)) if missing else ()

@@ -18,7 +18,7 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, FaceLabelling
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import counted_reasons, failed_searches, label_faces
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -35,7 +35,6 @@ from calib.rendering.blocks import (
 )
 from calib.rendering.colours import BAD, DOUBT
 from calib.targets.assignment import Assignment, assign_targets
-from calib.targets.protocol.finder import FoundPoint
 from calib.targets.search import ScanSearch
 
 _SEEN_AT = (
@@ -64,35 +63,33 @@ def _batch(batch: CornerBatch) -> Presentation:
     named = assign_targets(batch.dataset, batch)
     head = [*batch_head(batch.dataset, batch, named), *_of_jig(batch), *failures(batch, named)]
     tables = {"corner": corner_table(batch), "target": target_table(named)}
-    sections = [
-        Section(f"Each {what}, in the scanner's frame", [table]) for what, table in tables.items() if table.rows
-    ]
+    sections = [Section(f"Each {what}, in the scanner's frame", [table]) for what, table in tables.items()]
     return Presentation(f"Corners of {batch.dataset.name}", head, sections)
 
 
 def batch_blocks(searches: CornerBatch, named: Assignment, labels: FaceLabels | None) -> list[Block]:
     """Blocks on a search of scans: corners and targets, failures with reasons, counts, and the jig's face labels."""
     failed = failed_searches(searches)
-    counted = [Paragraph(f"No corner: {counted_reasons(failed)}.")] if len(failed) > 1 else []
     return [
-        *(table for table in (corner_table(searches), target_table(named)) if table.rows),
+        corner_table(searches),
+        target_table(named),
         *failures(searches, named),
-        *counted,
+        Paragraph(f"No corner: {counted_reasons(failed)}." if len(failed) > 1 else ""),
         *batch_head(searches.dataset, searches, named),
         *_of_jig(searches),
-        *([] if labels is None else [Paragraph(f"{numbers.capitalised(face_labelling(labels.labelling))}.")]),
+        Paragraph("" if labels is None else f"{numbers.capitalised(face_labelling(labels.labelling))}."),
     ]
 
 
 def _of_jig(batch: CornerBatch) -> list[Block]:
     """Paragraphs on what all scans tell of the jig: the bows of its faces, and the angles between them."""
-    return [*_bows_paragraph(batch.face_bows), *_angles_paragraph(batch.jig_angles)]
+    return [Paragraph(_bows_sentence(batch.face_bows)), Paragraph(_angles_sentence(batch.jig_angles))]
 
 
-def _bows_paragraph(bows: FaceBows | None) -> list[Block]:
-    """Paragraph on the bows of the jig's faces that all scans tell together; none where the faces are flat."""
+def _bows_sentence(bows: FaceBows | None) -> str:
+    """Sentence on the bows of the jig's faces that all scans tell together; "" where the faces are flat."""
     if bows is None:
-        return []
+        return ""
     sags = ", ".join(f"{sag:+.3f}" for sag in bows.sag_mm)
     text = (
         f"{numbers.count(bows.scans, 'scan')} show the jig's faces bowed: their middles rise by {sags} mm (sigma "
@@ -101,13 +98,13 @@ def _bows_paragraph(bows: FaceBows | None) -> list[Block]:
     )
     if bows.outlying:
         text += f"; left as they are, since their faces look different: {', '.join(bows.outlying)}"
-    return [Paragraph(f"{text}.")]
+    return f"{text}."
 
 
-def _angles_paragraph(angles: JigAngles | None) -> list[Block]:
-    """Paragraph on the angles between the jig's faces that all scans tell together; none for less than two scans."""
+def _angles_sentence(angles: JigAngles | None) -> str:
+    """Sentence on the angles between the jig's faces that all scans tell together; "" for less than two scans."""
     if angles is None or angles.scans < 2:
-        return []
+        return ""
     meet = ", ".join(f"{angle:.4g}°" if angles.held == "jig" else f"{angle:.4f}°" for angle in angles.angles_deg or ())
     scans = numbers.count(angles.scans, "scan")
     if angles.held == "jig":
@@ -124,22 +121,21 @@ def _angles_paragraph(angles: JigAngles | None) -> list[Block]:
         )
     if angles.outlying:
         text += f"; not counted, since their angles are far from all others': {', '.join(angles.outlying)}"
-    return [Paragraph(f"{text}.")]
+    return f"{text}."
 
 
 def face_labelling(found: FaceLabelling) -> str:
     """Clause on how the jig's faces were labelled, with the least margin and the poses without labels."""
-    unit = "°" if found.unit == "deg" else f" {found.unit}"
-    needed = f"{found.needed_margin:g}{unit if found.unit == 'deg' else ''}"
-    margin = "" if found.least_margin is None else f", margin {found.least_margin:.4g}{unit} or more (needed: {needed})"
-    refused = ""
+    words = f"faces named by {_LABELLED_BY[found.by]} at {numbers.count(found.poses, 'pose')}"
+    if found.least_margin is not None:
+        unit, of_needed = ("°", "°") if found.unit == "deg" else (f" {found.unit}", "")
+        words += f", margin {found.least_margin:.4g}{unit} or more (needed: {found.needed_margin:g}{of_needed})"
+    if meet := ", ".join(f"{angle:.4f}°" for angle in found.found_angles_deg or ()):
+        words += f"; they meet at {meet}, which differs from dataset.toml"
     if found.first_refused is not None:
         pose_id, reason = found.first_refused
-        refused = f"; {found.refused} refused, {pose_id}: {reason}"
-    meet = ", ".join(f"{angle:.4f}°" for angle in found.found_angles_deg or ())
-    angles = f"; they meet at {meet}, which differs from dataset.toml" if meet else ""
-    poses = numbers.count(found.poses, "pose")
-    return f"faces named by {_LABELLED_BY[found.by]} at {poses}{margin}{angles}{refused}"
+        words += f"; {found.refused} refused, {pose_id}: {reason}"
+    return words
 
 
 def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment) -> list[Block]:
@@ -147,8 +143,7 @@ def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: As
     corners = [search.corner for search in searches.values() if search.corner is not None]
     pairs: list[tuple[str, object]] = []
     if named.points or named.refused:
-        targets = dict.fromkeys(name for target in dataset.all_targets for name in target.names)
-        for name in targets:
+        for name in dict.fromkeys(name for target in dataset.all_targets for name in target.names):
             count = sum(name in of_pose for of_pose in named.points.values())
             pairs.append((name, f"found at {count} of {len(dataset.poses)} poses"))
         sigmas_mm = [place.sigma_mm() for of_pose in named.points.values() for place in of_pose.values()]
@@ -171,8 +166,8 @@ def failures(searches: Mapping[str, CornerSearch], named: Assignment) -> list[Bl
         for name, why in reasons.items()
     ]
     return [
-        *([Table(("scan without a corner", "why"), failed, left=(0, 1))] if failed else []),
-        *([Table(("scan", "target not found", "why"), refused, left=(0, 1, 2))] if refused else []),
+        Table(("scan without a corner", "why"), failed, left=(0, 1)),
+        Table(("scan", "target not found", "why"), refused, left=(0, 1, 2)),
     ]
 
 
@@ -235,9 +230,9 @@ def _search(search: CornerSearch) -> Presentation:
     corner = search.corner
     if corner is None:
         return Presentation(search.scan, [Verdict(f"{search.scan}: no corner: {search.failure}", BAD)])
-    x, y, z = map(numbers.coordinate, corner.xyz_mm)
     found = (
-        f"{search.scan}: corner ({x}, {y}, {z}) mm, sigma {numbers.length(corner.sigma_mm())}, faces of "
+        f"{search.scan}: corner ({', '.join(map(numbers.coordinate, corner.xyz_mm))}) mm, sigma "
+        f"{numbers.length(corner.sigma_mm())}, faces of "
         f"{', '.join(str(face.points) for face in corner.faces)} points"
     )
     return Presentation(search.scan, [Paragraph(found)], [Section("How well it is seen", search_blocks(search))])
@@ -256,8 +251,8 @@ def _scan_search(search: ScanSearch) -> Presentation:
         for one in search.found
         for place in one.places
     ]
-    tables = [Table(("target", "x, mm", "y, mm", "z, mm", "sigma, mm", "points"), rows)] if rows else []
-    return Presentation(search.scan, [Paragraph(f"{search.scan}:"), *tables, *(Verdict(w, BAD) for w in found)])
+    table = Table(("target", "x, mm", "y, mm", "z, mm", "sigma, mm", "points"), rows)
+    return Presentation(search.scan, [Paragraph(f"{search.scan}:"), table, *(Verdict(w, BAD) for w in found)])
 
 
 def search_blocks(search: CornerSearch, colours: Sequence[str] = ()) -> list[Block]:
@@ -267,8 +262,8 @@ def search_blocks(search: CornerSearch, colours: Sequence[str] = ()) -> list[Blo
     """
     assert search.corner is not None
     took = f"{search.seconds:.2f} s, {numbers.count(search.search_passes, 'look')}"
-    tables = _face_tables(search.corner, colours)
-    return [*tables, Paragraph(_SEEN_AT, soft=True), Facts([*_origins(search.corner.quality), ("search took", took)])]
+    facts = [*_origins(search.corner.quality), ("search took", took)]
+    return [*_face_tables(search.corner, colours), Paragraph(_SEEN_AT, soft=True), Facts(facts)]
 
 
 def doubt_blocks(corner: Corner) -> list[Block]:
@@ -291,19 +286,12 @@ def place_table(xyz_mm: Array, covariance_mm2: Array | None) -> Table:
 
 def _face_tables(corner: Corner, colours: Sequence[str]) -> Iterator[Table]:
     quality = corner.quality
-    names: list[str | Coloured] = [f"face {k + 1}" for k in range(3)]
-    if colours:
-        names = [Coloured(str(name), colour) for name, colour in zip(names, colours, strict=False)]
-    faces = [
-        (
-            name,
-            f"{face.points:,}",
-            numbers.column_mm(face.rms_mm),
-            f"{seen.incidence_deg:.0f}°",
-            numbers.share(seen.coverage),
-        )
-        for name, face, seen in zip(names, corner.faces, quality.faces, strict=True)
-    ]
+    faces = []
+    for k, (face, seen) in enumerate(zip(corner.faces, quality.faces, strict=True)):
+        name = f"face {k + 1}"
+        seen_at = (f"{seen.incidence_deg:.0f}°", numbers.share(seen.coverage))
+        points = (f"{face.points:,}", numbers.column_mm(face.rms_mm))
+        faces.append((Coloured(name, colours[k]) if colours else name, *points, *seen_at))
     yield Table(("face", "points", "rms, mm", "seen at", "covered"), faces)
     pairs = ("1–2", "2–3", "3–1")
     angles = [
@@ -351,10 +339,9 @@ def _labels_document(labels: FaceLabels) -> dict[str, Any]:
             {
                 "pose": pose_id,
                 "quaternion": found.quaternion(),
-                "covariance_rad2": found.covariance_rad2,
                 "sigma_rad": found.sigma_rad(),
                 "faces": found.order,
-                "misfit": found.misfit,
+                **keys_of(found, "covariance_rad2", "misfit"),
                 "off": labels.off.get(pose_id),
                 "margin": labels.margin.get(pose_id),
             }
@@ -381,7 +368,11 @@ def corners_document(searches: CornerBatch, labels: FaceLabels, named: Assignmen
         for pose_id, reason in failed_searches(searches).items()
     ]
     targets = [
-        {"pose": pose_id, "target": name, **_target_document(place)}
+        {
+            "pose": pose_id,
+            "target": name,
+            **keys_of(place, "xyz_mm", "covariance_mm2", "points", "rms_mm", "facts", "doubts"),
+        }
         for pose_id, of_pose in named.points.items()
         for name, place in of_pose.items()
     ]
@@ -398,27 +389,15 @@ def corners_document(searches: CornerBatch, labels: FaceLabels, named: Assignmen
 def _corner_document(pose_id: str, search: CornerSearch, corner: Corner) -> dict[str, Any]:
     return {
         "pose": pose_id,
-        "xyz_mm": corner.xyz_mm,
-        "covariance_mm2": corner.covariance_mm2,
-        "planes": [
-            {"normal": f.normal, "offset_mm": f.offset_mm, "points": f.points, "rms_mm": f.rms_mm} for f in corner.faces
-        ],
+        **keys_of(corner, "xyz_mm", "covariance_mm2", "quality"),
+        "planes": [keys_of(face, "normal", "offset_mm", "points", "rms_mm") for face in corner.faces],
         "seconds": search.seconds,
         **_count(search),
         "sample_sets": search.filter_counts(),
         "plane_groups": len(search.groups),
-        "quality": corner.quality,
     }
 
 
 def _count(search: CornerSearch) -> dict[str, int | None]:
     count = search.count
-    return {
-        "points": None if count is None else count.points,
-        "dropped_points": None if count is None else count.dropped,
-    }
-
-
-def _target_document(place: FoundPoint) -> dict[str, Any]:
-    keys = ("xyz_mm", "covariance_mm2", "points", "rms_mm", "facts", "doubts")
-    return {key: getattr(place, key) for key in keys}
+    return {"points": count and count.points, "dropped_points": count and count.dropped}

@@ -78,11 +78,11 @@ def curve_blocks(calibration: Calibration) -> list[Block]:
     equation = Paragraph(f"{LEARNED}: {members[0].equation}. It names no cause.")
     return [
         equation,
-        *([curve_table(calibration)] if of_one_input else []),
+        curve_table(calibration),
         Paragraph(_KNOWN_NOTE, soft=True),
         *map(Paragraph, formulas(calibration)),
         Bullets(shapes),
-        *([Paragraph(sweep_sentence(of_curves))] if any(one.sweep for one in of_curves) else []),
+        Paragraph(sweep_sentence(of_curves) if any(one.sweep for one in of_curves) else ""),
     ]
 
 

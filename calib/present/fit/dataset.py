@@ -11,13 +11,13 @@ import numpy as np
 from calib.calibration.noise_level import noise_level
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.corners.search import CornerSearch
-from calib.dataset.dataset import ROLES, Dataset
+from calib.dataset.dataset import ROLES, Dataset, Points
 from calib.measurement.measured_points import failed_searches
 from calib.present import names
 from calib.present.fit.calibration import calibration_warnings
 from calib.present.fit.corners import scan_sentences
 from calib.present.names import instrument
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section, Table
 
@@ -27,18 +27,19 @@ NOT_SEARCHED: Mapping[str, CornerSearch] = MappingProxyType({})
 
 @presentation.register
 def _dataset(dataset: Dataset) -> Presentation:
-    remarks = [*dataset.warnings, *dataset.notes]
-    description = [Facts([("description", dataset.description)])] if dataset.description else []
-    head: list[Block] = [
-        KeyFigures([("dataset", dataset.name), *facts(dataset)]),
-        *description,
-        *([Bullets(remarks)] if remarks else []),
-    ]
-    sections = [
-        Section("How far the joints move", [joint_ranges(dataset)]),
-        Section("The arm as robot.toml has it", [robot_table(dataset)]),
-    ]
-    return Presentation(f"Dataset {dataset.name}", head, sections)
+    description = [("description", dataset.description)] if dataset.description else []
+    return Presentation(
+        f"Dataset {dataset.name}",
+        [
+            KeyFigures([("dataset", dataset.name), *facts(dataset)]),
+            Facts(description),
+            Bullets([*dataset.warnings, *dataset.notes]),
+        ],
+        [
+            Section("How far the joints move", [joint_ranges(dataset)]),
+            Section("The arm as robot.toml has it", [robot_table(dataset)]),
+        ],
+    )
 
 
 def measured_blocks(calibration: Calibration, searches: Mapping[str, CornerSearch]) -> list[Block]:
@@ -46,8 +47,7 @@ def measured_blocks(calibration: Calibration, searches: Mapping[str, CornerSearc
     dataset = calibration.dataset
     description = [("description", dataset.description)] if dataset.description else []
     rows = [("dataset", dataset.name), *description, *facts(dataset, searches, calibration)]
-    remarks = [*calibration_warnings(calibration), *scan_sentences(searches)]
-    return [Facts(rows), *([Bullets(remarks)] if remarks else [])]
+    return [Facts(rows), Bullets([*calibration_warnings(calibration), *scan_sentences(searches)])]
 
 
 def facts(
@@ -55,8 +55,7 @@ def facts(
 ) -> list[tuple[str, object]]:
     """Facts (name and value) on the arm, the poses by role, the measurements, the noise and the conditions."""
     poses = dataset.poses
-    counts = {role: int(np.count_nonzero(poses.role == role)) for role in ROLES}
-    roles = numbers.listing([f"{count} {names.role(role)}" for role, count in counts.items() if count])
+    roles = numbers.listing([f"{count} {names.role(role)}" for role, count in _by_role(dataset).items() if count])
     return [
         ("robot", f"{dataset.robot.name}, {dataset.robot.n_joints} joints"),
         ("poses", f"{len(poses)}: {roles}"),
@@ -73,12 +72,16 @@ def preview(dataset: Dataset) -> str:
     counts = numbers.count(len(poses), "pose")
     if points is None:
         return f"{counts}, {numbers.count(len(set(poses.scan_names)), 'scan')}."
-    targets = len(np.unique(points.target))
-    of_targets = f" of {targets} targets" if targets > 1 else ""
     without = [poses.ids[i] for i in np.setdiff1d(np.arange(len(poses)), points.pose)]
     have = "have" if len(without) > 1 else "has"
     missing = f"; {numbers.listing(numbers.first_of(without, _MOST_NAMED))} {have} no point" if without else ""
-    return f"{counts}, {numbers.count(len(points), 'point')}{of_targets}{missing}."
+    return f"{counts}, {_points(points)}{missing}."
+
+
+def _points(points: Points, one: str = "point") -> str:
+    """Number of points, and of their targets where there are several."""
+    targets = len(np.unique(points.target))
+    return numbers.count(len(points), one) + (f" of {targets} targets" if targets > 1 else "")
 
 
 def first_rows(dataset: Dataset, count: int = 5) -> Table:
@@ -105,14 +108,9 @@ def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
         return f"the corner of {jig} in {found} of {numbers.count(len(searches), 'scan')}"
     if dataset.points is None:
         return f"{numbers.count(len(dataset.poses), 'scan')} of {jig}; no points yet"
-    targets = len(np.unique(dataset.points.target))
-    of_targets = "" if targets == 1 else f" of {targets} targets"
-    with_scans = ", and scans" if dataset.scan_folder is not None else ""
-    lengths = dataset.points.lengths
-    if lengths is not None:
-        anchors = len(np.unique(lengths.anchor))
-        return f"{numbers.count(len(dataset.points), 'length')}{of_targets} from {numbers.count(anchors, 'anchor')}"
-    return f"{numbers.count(len(dataset.points), 'point')}{of_targets}{with_scans}"
+    if (lengths := dataset.points.lengths) is not None:
+        return f"{_points(dataset.points, 'length')} from {numbers.count(len(np.unique(lengths.anchor)), 'anchor')}"
+    return _points(dataset.points) + (", and scans" if dataset.scan_folder is not None else "")
 
 
 def _noise(dataset: Dataset, calibration: Calibration | None) -> str:
@@ -122,9 +120,7 @@ def _noise(dataset: Dataset, calibration: Calibration | None) -> str:
         return length if level.is_declared else f"none; {level.name}: {length}"
     if not dataset.declares_noise:
         return "none"
-    sigma_mm = dataset.scanner.point_sigma_mm
-    if dataset.points is not None:
-        sigma_mm = declared_sigma_mm(dataset)
+    sigma_mm = dataset.scanner.point_sigma_mm if dataset.points is None else declared_sigma_mm(dataset)
     assert sigma_mm is not None
     return f"{numbers.length(sigma_mm)} per coordinate"
 
@@ -167,15 +163,15 @@ def _row(row: tuple[float, float, float, float, float]) -> list[str]:
 
 @document.register
 def _dataset_document(dataset: Dataset) -> dict[str, Any]:
-    poses, points = dataset.poses, dataset.points
     return {
-        "name": dataset.name,
-        "description": dataset.description,
+        **keys_of(dataset, "name", "description", "left_out", "warnings", "notes"),
         "robot": dataset.robot.name,
         "joints": dataset.robot.n_joints,
-        "poses": {role: int(np.count_nonzero(poses.role == role)) for role in ROLES},
-        "points": None if points is None else len(points),
-        "left_out": dataset.left_out,
-        "warnings": dataset.warnings,
-        "notes": dataset.notes,
+        "poses": _by_role(dataset),
+        "points": None if dataset.points is None else len(dataset.points),
     }
+
+
+def _by_role(dataset: Dataset) -> dict[str, int]:
+    """Number of poses of each role."""
+    return {role: int(np.count_nonzero(dataset.poses.role == role)) for role in ROLES}

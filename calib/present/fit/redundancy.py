@@ -9,9 +9,20 @@ from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import FreeFrameRank
 from calib.identifiability.tool_rows import ToolRows
 from calib.present import names
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
-from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Span, Words
+from calib.rendering.blocks import (
+    Block,
+    Bullets,
+    Facts,
+    FigurePlace,
+    Paragraph,
+    Presentation,
+    Section,
+    Span,
+    Words,
+    joined,
+)
 
 HEADING = "Which parameters can be known"
 _CAPTION = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
@@ -20,12 +31,13 @@ _WITHOUT_ATTITUDE = {"pose": "the jig may sit on the tool anyhow", "position": "
 
 @presentation.register
 def _redundancy(analysis: Redundancy) -> Presentation:
-    return Presentation(HEADING, [*redundancy_blocks(analysis), heatmap(analysis)])
+    return Presentation(HEADING, redundancy_section(analysis).blocks)
 
 
 def redundancy_section(analysis: Redundancy) -> Section:
     """Section with the sentences and the figure on redundancy."""
-    return Section(HEADING, [*redundancy_blocks(analysis), heatmap(analysis)])
+    figure = FigurePlace("redundancy_heatmap", (analysis,), _CAPTION, height_px=620, width_px=660)
+    return Section(HEADING, [*redundancy_blocks(analysis), figure])
 
 
 def redundancy_blocks(analysis: Redundancy) -> list[Block]:
@@ -37,13 +49,8 @@ def redundancy_blocks(analysis: Redundancy) -> list[Block]:
         ("can be known (rank)", analysis.rank),
         ("these carry all that can be known", names.parameters(analysis.independent)),
     ]
-    seen_by = [Paragraph(f"Seen by {analysis.measured_by}.", soft=True)] if analysis.measured_by else []
-    return [*seen_by, Facts(facts), Bullets(redundancy_sentences(analysis))]
-
-
-def heatmap(analysis: Redundancy) -> FigurePlace:
-    """Placeholder of the figure of the redundancy matrix."""
-    return FigurePlace("redundancy_heatmap", (analysis,), _CAPTION, height_px=620, width_px=660)
+    seen_by = f"Seen by {analysis.measured_by}." if analysis.measured_by else ""
+    return [Paragraph(seen_by, soft=True), Facts(facts), Bullets(redundancy_sentences(analysis))]
 
 
 def redundancy_sentences(analysis: Redundancy) -> list[Words]:
@@ -110,36 +117,26 @@ def tool_sentence(tool: ToolRows) -> Words:
             *stay,
             " stay as in robot.toml.",
         )
-    parts: list[list[Span]] = []
+    parts: list[Words] = []
     if tool.known:
-        parts.append(["known each alone: ", *names.parameters(tool.known)])
+        parts.append(("known each alone: ", *names.parameters(tool.known)))
     if tool.sums:
-        sums: list[Span] = []
-        for name, others in tool.sums.items():
-            sums += [", " if sums else "", names.parameter(name), " (with ", *names.parameters(others), ")"]
-        parts.append(["known in sums only: ", *sums])
+        sums = [(names.parameter(one), " (with ", *names.parameters(of), ")") for one, of in tool.sums.items()]
+        parts.append(("known in sums only: ", *joined(sums, ", ")))
     if tool.unseen:
         why = _WITHOUT_ATTITUDE.get(tool.residual, _WITHOUT_ATTITUDE["position"])
         why = "a scanner on the flange does not see the tool" if tool.on_flange else why
-        parts.append([f"not known, as {why}: ", *names.parameters(tool.unseen), ", which stay as in robot.toml"])
-    spans = [span for k, part in enumerate(parts) for span in (["; "] if k else []) + part]
-    return ("Tool: ", *spans, ".")
+        parts.append((f"not known, as {why}: ", *names.parameters(tool.unseen), ", which stay as in robot.toml"))
+    return ("Tool: ", *joined(parts), ".")
 
 
 @document.register
 def _redundancy_document(analysis: Redundancy) -> dict[str, Any]:
     return {
         "seen_by": analysis.measured_by,
-        "parameters": analysis.parameters,
-        "pearson": analysis.pearson,
-        "no_influence": analysis.no_influence,
-        "groups": analysis.groups,
-        "mixed_groups": analysis.mixed_groups,
+        **keys_of(analysis, "parameters", "pearson", "no_influence", "groups", "mixed_groups"),
+        **keys_of(analysis, "rank", "kept", "independent", "dropped"),
         "combinations": [{"parameters": relation} for relation in analysis.combinations],
-        "rank": analysis.rank,
-        "kept": analysis.kept,
-        "independent": analysis.independent,
-        "dropped": analysis.dropped,
     }
 
 

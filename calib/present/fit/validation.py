@@ -12,7 +12,7 @@ from calib.dataset.dataset import Dataset
 from calib.models.fitted_model import FittedModel
 from calib.present.fit.calibration import error_table, sigma_sentence
 from calib.present.fit.promise import coverage_sentence, promise_document
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
 from calib.rendering.colours import BAD, DOUBT, GOOD
@@ -35,15 +35,13 @@ def _cross_validation(folds: CrossValidation) -> Presentation:
 
 def cross_validation_blocks(folds: CrossValidation) -> list[Block]:
     """Blocks on cross-validation: held-out errors, their spread over the folds, and the share due to noise."""
-    train = folds.whole.after.train
-    assert train is not None
     each = [fold.held_out.rmse_mm for fold in folds.folds]
     poses = numbers.count(len(np.unique(folds.after.pose)), "training pose")
     facts: list[tuple[str, object]] = [
         ("cross-validation", f"{len(folds.folds)} folds over {poses}, {folds.residual} residual"),
         ("held-out RMSE of the folds", f"{numbers.length(min(each))} to {numbers.length(max(each))}"),
         ("their spread", numbers.length(folds.spread_mm)),
-        ("training RMSE", numbers.length(train.rmse_mm)),
+        ("training RMSE", numbers.length(folds.whole.after.train_rmse_mm)),
         ("held-out over training RMSE", numbers.digits(folds.ratio)),
         ("of which noise explains", numbers.digits(folds.expected_ratio)),
     ]
@@ -51,33 +49,33 @@ def cross_validation_blocks(folds: CrossValidation) -> list[Block]:
         Facts(facts),
         error_table(folds.before, folds.after, test="held-out"),
         Paragraph(sigma_sentence(folds.sigma)),
-        *([Bullets(folds.notes)] if folds.notes else []),
+        Bullets(folds.notes),
     ]
 
 
 def cross_validation_verdict(folds: CrossValidation) -> Verdict:
     """Verdict on the held-out errors."""
-    before = folds.before.test
-    assert before is not None
-    if not folds.held_out.rmse_mm < before.rmse_mm:
+    words, colour = "Poses left out come out as well as noise allows: the fit does not bend to its own poses", GOOD
+    if not folds.held_out.rmse_mm < folds.before.test_rmse_mm:
+        colour = BAD
         words = "The calibration does not help: poses it did not see are no better than with the nominal robot."
-        return Verdict(words, BAD)
-    if not all(fold.converged for fold in folds.folds):
-        return Verdict("Not every fold's fit converged: do not trust these figures.", BAD)
-    if folds.ratio > SUSPICIOUS * folds.expected_ratio:
-        return Verdict(
+    elif not all(fold.converged for fold in folds.folds):
+        words, colour = "Not every fold's fit converged: do not trust these figures.", BAD
+    elif folds.ratio > SUSPICIOUS * folds.expected_ratio:
+        colour = DOUBT
+        words = (
             "The fit does better on its own poses than parameters and noise explain: too few poses, or physics that is "
-            "not in the model; expect the held-out error, not the training error, elsewhere.",
-            DOUBT,
+            "not in the model; expect the held-out error, not the training error, elsewhere."
         )
-    words = "Poses left out come out as well as noise allows: the fit does not bend to its own poses"
-    if folds.sigma.verdict == "excess":
-        return Verdict(
-            f"{words}; that holds for poses like the training poses, and since more than noise is left, the error "
-            "elsewhere can be larger: look at test poses of another kind.",
-            DOUBT,
+    elif folds.sigma.verdict == "excess":
+        colour = DOUBT
+        words += (
+            "; that holds for poses like the training poses, and since more than noise is left, the error elsewhere "
+            "can be larger: look at test poses of another kind."
         )
-    return Verdict(f"{words}; expect the held-out error at poses like these.", GOOD)
+    else:
+        words += "; expect the held-out error at poses like these."
+    return Verdict(words, colour)
 
 
 # ---- learning curve -------------------------------------------------------------------------------------------------
@@ -102,9 +100,11 @@ def learning_curve_blocks(curve: LearningCurve) -> list[Block]:
     ]
     columns = ("training poses", "training RMSE, mm", "held-out RMSE, mm", "spread, mm", "residual sigma, mm")
     caption = f"learning curve, {curve.residual} residual, held out: {curve.held_out}"
-    notes = [Bullets(curve.notes)] if curve.notes else []
-    table = Table(columns, rows, caption=caption, left=())
-    return [table, Paragraph(sigma_sentence(curve.sigma)), *notes]
+    return [
+        Table(columns, rows, caption=caption, left=()),
+        Paragraph(sigma_sentence(curve.sigma)),
+        Bullets(curve.notes),
+    ]
 
 
 def learning_curve_verdict(curve: LearningCurve) -> Verdict:
@@ -170,14 +170,12 @@ def saved_model_blocks(fitted: FittedModel, dataset: Dataset, before: Evaluation
     which = "the measurements that it was fitted to" if same else "not the files that it was fitted to"
     trained = fitted.trained
     outside = trained.words(dataset.robot, dataset.poses.q, dataset.poses.ids) if trained is not None else ""
-    remarks = [*([f"{numbers.capitalised(outside)}."] if outside else []), *after.notes]
-    covered = coverage_sentence(fitted.promise(dataset, after))
     return [
         *model_blocks(fitted),
         Paragraph(f"At {dataset.name}, {which}:"),
         error_table(before, after),
-        *([Paragraph(covered)] if covered else []),
-        *([Bullets(remarks)] if remarks else []),
+        Paragraph(coverage_sentence(fitted.promise(dataset, after))),
+        Bullets([*([f"{numbers.capitalised(outside)}."] if outside else []), *after.notes]),
     ]
 
 
@@ -192,31 +190,22 @@ def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[st
 @document.register
 def _cross_validation_document(folds: CrossValidation) -> dict[str, Any]:
     return {
+        **keys_of(folds, "residual", "held_out", "spread_mm", "ratio", "expected_ratio", "folds", "notes"),
         "dataset": folds.dataset.name,
-        "residual": folds.residual,
         "left_out": folds.dataset.left_out,
-        "held_out": folds.held_out,
         "before": folds.before.test,
         "train": folds.whole.after.train,
-        "spread_mm": folds.spread_mm,
-        "ratio": folds.ratio,
-        "expected_ratio": folds.expected_ratio,
-        "folds": folds.folds,
         "poses": folds.to_frame(),
         "sigma": {**document(folds.sigma), "verdict": folds.sigma.verdict},
         "explanation": cross_validation_verdict(folds).words,
-        "notes": folds.notes,
     }
 
 
 @document.register
 def _learning_curve_document(curve: LearningCurve) -> dict[str, Any]:
     return {
-        "held_out": curve.held_out,
+        **keys_of(curve, "held_out", "flat_since", "doubled_rmse_mm", "gain"),
         "steps": curve.to_frame(),
-        "flat_since": curve.flat_since,
-        "doubled_rmse_mm": curve.doubled_rmse_mm,
-        "gain": curve.gain,
         "explanation": learning_curve_verdict(curve).words,
     }
 
@@ -227,8 +216,7 @@ def _model_document(fitted: FittedModel) -> dict[str, Any]:
         "dataset": fitted.source.dataset,
         "effects": fitted.model.family_names,
         "before": fitted.before,
-        "train": fitted.after.train,
-        "test": fitted.after.test,
+        **keys_of(fitted.after, "train", "test"),
     }
 
 
