@@ -93,6 +93,18 @@ class Download:
     command: str = ""  # the same at the terminal
 
 
+@dataclass(frozen=True)
+class PlanFile:
+    """Files of a plan that the page's tab *Plan* offers by a button."""
+
+    group: str  # of buttons in a row: "Download"
+    name: str  # on the button
+    file: str  # name of the file, or of the first of several
+    writer: str  # "module:function" (path, plan) -> text by path
+    turning_joints: int = 0  # that its form holds, and no others; 0: those of any arm
+    hint: str = ""  # of the row of buttons
+
+
 def contributions(kind: type[Kind]) -> tuple[Kind, ...]:
     """All contributions of one kind to the commands and the page."""
     return plugins.contributions(kind, EXTRAS)

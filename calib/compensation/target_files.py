@@ -31,7 +31,8 @@ from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
-from calib.robot_formats.programs import JointTarget, is_point_list, point_list, require_point_list
+from calib.robot_formats.joint_targets import JointTarget, require_targets, written_targets
+from calib.robot_formats.target_form import TargetForm, form_of_targets
 from calib.text_files.csv_text import frame_csv
 
 
@@ -102,17 +103,18 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
 
 def corrected_file(path: Path, targets: Targets, correction: Correction) -> str:
     """Content of a file of corrected targets: a controller's point list or a CSV table, by the file's suffix."""
-    if is_point_list(path):
-        return corrected_points(path, correction, targets.poses.ids)
+    require_targets(path, correction.robot)
+    form = form_of_targets(path)
+    if form is not None:
+        return corrected_points(form, path, correction, targets.poses.ids)
     return corrected_table(targets, correction)
 
 
-def corrected_points(path: Path, correction: Correction, ids: Sequence[str]) -> str:
+def corrected_points(form: TargetForm, path: Path, correction: Correction, ids: Sequence[str]) -> str:
     """Reached targets as text of a controller's point list; missed targets are comments with the reason.
 
-    Raises as `require_point_list`.
+    Raises CalibError for an arm that the form cannot hold.
     """
-    require_point_list(path, correction.robot.is_revolute.tolist())
     commanded = correction.robot.commands_of(correction.q)
     reasons = (
         "" if reached else reason for reached, reason in zip(correction.reached, correction.reasons, strict=True)
@@ -122,4 +124,4 @@ def corrected_points(path: Path, correction: Correction, ids: Sequence[str]) -> 
         f"Joint targets of {correction.robot.name}, corrected for the calibrated arm ({correction.kind}).",
         f"{int(correction.reached.sum())} of {len(listed)} targets are reached.",
     )
-    return point_list(path, listed, heading)
+    return written_targets(form, path, correction.robot, listed, heading)

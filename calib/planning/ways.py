@@ -10,7 +10,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Poses
 from calib.kinematics.robot import Robot
-from calib.robot_formats.programs import JointTarget, MeasuringStep
+from calib.robot_formats.joint_targets import JointTarget, MeasuringStep
 from calib.workcell.measurable import collides
 from calib.workcell.order import clear_between, way_around
 from calib.workcell.pose_conditions import come_from

@@ -15,7 +15,7 @@ from calib.models.model_file import load_model
 from calib.present.fit.calibration import tool_shift_sentence
 from calib.present.moves.correction import correction_blocks, correction_document
 from calib.rendering.text import block_text
-from calib.robot_formats.programs import is_point_list, require_point_list
+from calib.robot_formats.joint_targets import require_targets
 from inspector.cli.calibrate_command import fitted, require_plausible
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.model_commands import refuse_fit_options
@@ -49,8 +49,7 @@ def _correct(options: CorrectOptions, dataset: Dataset) -> Callable[[FittedModel
         if (write := added.corrected(dataset)) is not None:
             return write
     assert options.joints is not None  # required where nothing else is corrected
-    if is_point_list(options.out):
-        require_point_list(options.out, dataset.robot.is_revolute.tolist())
+    require_targets(options.out, dataset.robot)
     return partial(_write_targets, options, dataset, load_targets(options.joints, dataset.robot))
 
 

@@ -9,10 +9,9 @@ import viser
 
 from calib.errors import CalibError
 from calib.planning.purpose import SPLIT
-from calib.robot_formats.measuring_program import MeasuringOptions
+from calib.plugins import load
 from inspector.app.page.page_state import PageState
-from inspector.export.plan_files import planned_file, planned_program
-from inspector.panels.learn.plan import FILES, NOT_YET, PROGRAMS, STALE, PlanPanel
+from inspector.panels.learn.plan import NOT_YET, STALE, PlanPanel, plan_files
 from inspector.scene.draw_plan import PlanDrawing
 from inspector.scene.scene_view import SceneView
 from inspector.server.background import Background
@@ -88,10 +87,6 @@ class PlanController:
         planned = self._planned
         if planned is None:
             return
-        if what in FILES:
-            path = Path(FILES[what])
-            made = {path: planned_file(path, planned.plan)}
-        else:
-            made = planned_program(Path(PROGRAMS[what]), planned.plan, MeasuringOptions())
-        for path, text in made.items():
+        file = next(file for file in plan_files() if file.name == what)
+        for path, text in load(file.writer)(Path(file.file), planned.plan).items():
             client.send_file_download(path.name, text.encode(), save_immediately=True)

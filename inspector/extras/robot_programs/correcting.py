@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
-from calib.compensation.program_correction import corrected_program, require_no_conditions
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.errors import CalibError
+from calib.extras.robot_programs.point_lists import require_joints
+from calib.extras.robot_programs.program_blocks import program_correction_blocks, program_correction_document
+from calib.extras.robot_programs.program_correction import corrected_program, require_no_conditions
+from calib.extras.robot_programs.program_targets import Frames, Program, frames_given, load_program, require_frames
 from calib.models.fitted_model import FittedModel
-from calib.present.moves.program_correction import program_correction_blocks, program_correction_document
 from calib.rendering.text import block_text
-from calib.robot_formats.program_targets import Frames, Program, frames_given, load_program, require_frames
-from calib.robot_formats.programs import require_joints
 from inspector.cli.additions import CorrectAddition
 from inspector.cli.dataset_commands import show
 from inspector.cli.options.fits import CorrectOptions

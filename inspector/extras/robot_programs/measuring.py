@@ -7,8 +7,7 @@ from pathlib import Path
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
-from calib.planning.plan import Plan
-from calib.robot_formats.measuring_program import (
+from calib.extras.robot_programs.measuring_program import (
     Measured,
     MeasuringOptions,
     ProgramTemplate,
@@ -16,10 +15,11 @@ from calib.robot_formats.measuring_program import (
     program_files,
     shipped_template,
 )
+from calib.planning.plan import Plan
 from inspector.cli.additions import PlanAddition
 from inspector.cli.options.planning import PlanOptions
-from inspector.export.plan_files import check_plan_program, planned_program
 from inspector.extras.robot_programs.options import PlanProgramOptions
+from inspector.extras.robot_programs.planned_program import check_plan_program, planned_program
 
 
 class MeasuringProgram(PlanAddition[PlanProgramOptions, PlanOptions]):

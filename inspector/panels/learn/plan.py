@@ -8,13 +8,13 @@ import viser
 
 from calib.planning.purpose import CALIBRATION, purposes
 from calib.present.moves.plans import assumptions, plan_head, poses_table
-from calib.rendering import html
+from calib.rendering import html, numbers
 from calib.rendering.blocks import Bullets, Section
-from calib.robot_formats.programs import JOINTS
 from inspector.figures.plan_plots import error_by_count
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, hidden_plot, offer, put
 from inspector.panels.input_checks import clamped
+from inspector.plugins import PlanFile, contributions
 from inspector.session.planned import Planned
 
 NOTE = (
@@ -25,8 +25,7 @@ NOT_YET = "Nothing to plan for yet: poses are planned from a fit."
 STALE = "The model has changed since; plan again."
 MAKE = "Plan the poses"
 NONE = "–"
-FILES = {"poses.csv": "planned_poses.csv", "URScript": "planned_poses.script", "ROS": "planned_poses.yaml"}
-PROGRAMS = {"UR": "measure.script", "KUKA": "measure.src", "ABB": "measure.mod"}
+TABLE = PlanFile("Download", "poses.csv", "planned_poses.csv", "inspector.export.plan_files:files_of_plan")
 MOST = 60
 
 
@@ -45,18 +44,18 @@ class PlanPanel:
         self._promise = gui.add_html("")
         self._plot = hidden_plot(gui, 0.6, "predicted error")
         self._poses = gui.add_html("")
-        self.files = gui.add_button_group("Download", tuple(FILES), visible=False)
-        self.programs = gui.add_button_group(
-            "Program",
-            tuple(PROGRAMS),
-            visible=False,
-            hint="moves to each pose and stands there for 3 s; triggers and speeds: inspector plan --program",
-        )
+        rows: dict[str, list[PlanFile]] = {}
+        for file in plan_files():
+            rows.setdefault(file.group, []).append(file)
+        self.files = [
+            gui.add_button_group(group, [file.name for file in row], visible=False, hint=row[-1].hint or None)
+            for group, row in rows.items()
+        ]
         self._notes = gui.add_html("")
         self._words: dict[str, str] = {}  # by what the dropdown shows, the word of --for
         self.make.on_click(lambda _: actions.plan())
-        self.files.on_click(partial(_pressed, actions))
-        self.programs.on_click(partial(_pressed, actions))
+        for row in self.files:
+            row.on_click(partial(_pressed, actions))
 
     @property
     def asked(self) -> tuple[str, int, float | None]:
@@ -88,7 +87,12 @@ class PlanPanel:
         self.say("")
         self._promise.content = elements.note(words) if words else ""
         self._poses.content = self._notes.content = ""
-        self._plot.visible = self.files.visible = self.programs.visible = False
+        self._plot.visible = False
+        self._show_files(False)
+
+    def _show_files(self, shown: bool) -> None:
+        for row in self.files:
+            row.visible = shown
 
     def update(self, planned: Planned) -> None:
         """Show a plan for the model on show."""
@@ -99,14 +103,27 @@ class PlanPanel:
             put(self.payload, float(carried_kg.max()))  # the box says what the rows say
         self._promise.content = html.panel(plan_head(plan))
         self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough)
-        self._plot.visible = self.files.visible = self.programs.visible = True
+        self._plot.visible = True
+        self._show_files(True)
         self._poses.content = html.panel([poses_table(plan, compact=True, mark=planned.pose)])
         notes = assumptions(plan)
-        if plan.start.dataset.robot.is_revolute.tolist() != [True] * JOINTS:
-            notes.append(
-                "URScript and programs take six turning joints; for this arm take poses.csv or the ROS trajectory"
-            )
+        notes += _unfit(plan.start.dataset.robot.is_revolute.tolist())
         self._notes.content = html.panel([Section("What was assumed", [Bullets(notes)])] if notes else [])
+
+
+def plan_files() -> tuple[PlanFile, ...]:
+    """Files of a plan that can be taken: the table of poses, and what plug-ins write."""
+    return (TABLE, *contributions(PlanFile))
+
+
+def _unfit(is_revolute: list[bool]) -> list[str]:
+    """Note on the files that cannot hold an arm, with those that can; none where all can."""
+    unfit = [file for file in plan_files() if file.turning_joints and is_revolute != [True] * file.turning_joints]
+    if not unfit:
+        return []
+    names = numbers.listing([file.name for file in unfit])
+    others = " or ".join(file.name for file in plan_files() if file not in unfit)
+    return [f"{names} take {unfit[0].turning_joints} turning joints; for this arm take {others}"]
 
 
 def _pressed(actions: Actions, event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:

@@ -1,7 +1,7 @@
 """Positions and orientations in the numbers of robot makers: UR rotation vectors, KUKA A B C, ABB quaternions.
 
 URScript: m and a rotation vector in rad. KRL: mm and degrees, R = Rz(A) Ry(B) Rx(C). RAPID: mm and a quaternion with
-its scalar part first. Sources as in `calib.robot_formats.programs`.
+its scalar part first. Sources as in `calib.extras.robot_programs.point_lists`.
 """
 
 from __future__ import annotations

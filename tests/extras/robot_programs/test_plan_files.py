@@ -11,9 +11,9 @@ import pytest
 
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
+from calib.extras.robot_programs.point_lists import SLOW_RAD_S, STANDS_S
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.start import FromRobot
-from calib.robot_formats.programs import SLOW_RAD_S, STANDS_S
 from calib.workcell.known_cell import workcell_of_robot
 from inspector.export.plan_files import planned_file
 

@@ -17,7 +17,8 @@ from calib.compensation.correction import Correction
 from calib.compensation.target_files import corrected_points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.robot_formats.programs import LONGEST, identifiers, require_point_list
+from calib.extras.robot_programs.point_lists import LONGEST, identifiers, require_point_list
+from calib.robot_formats.target_form import form_of_targets
 from inspector.cli.parser import main
 from tests.support.hidden_dataset import arm, write_hidden
 
@@ -58,9 +59,16 @@ def read(text: str, suffix: str) -> dict[str, Array]:
     return values if suffix == ".script" else {name: np.radians(v) for name, v in values.items()}
 
 
+def written(name: str, correction: Correction) -> str:
+    """Text of the point list of that name."""
+    form = form_of_targets(Path(name))
+    assert form is not None
+    return corrected_points(form, Path(name), correction, IDS)
+
+
 @pytest.mark.parametrize("suffix", LONGEST)
 def test_what_a_controller_reads_is_what_was_corrected(correction: Correction, suffix: str) -> None:
-    text = corrected_points(Path(f"my targets{suffix}"), correction, IDS)
+    text = written(f"my targets{suffix}", correction)
     assert text.isascii()
     got = read(text, suffix)
     names = identifiers(IDS, LONGEST[suffix])
@@ -98,7 +106,7 @@ def test_no_target_is_called_what_a_language_keeps_for_itself(word: str, longest
 
 @pytest.mark.parametrize("suffix", LONGEST)
 def test_a_target_and_its_module_have_two_names(correction: Correction, suffix: str) -> None:
-    text = corrected_points(Path(f"p01{suffix}"), correction, IDS)
+    text = written(f"p01{suffix}", correction)
     names = re.findall(r"(?m)^(?:DEFDAT|MODULE) (\w+)|^ *(?:DECL GLOBAL AXIS |CONST jointtarget )?(\w+) ?:?=", text)
     flat = [name.lower() for pair in names for name in pair if name]
     assert len(flat) == len(set(flat)) >= 4
@@ -106,9 +114,12 @@ def test_a_target_and_its_module_have_two_names(correction: Correction, suffix: 
 
 @pytest.mark.parametrize(("robot", "reason"), [("panda", "this arm has 7"), ("gantry", "this arm has 3 and 3 sliding")])
 def test_other_arms_are_refused(robot: str, reason: str) -> None:
-    kinds = [False] * 3 + [True] * 3 if robot == "gantry" else builtin_robot(robot).is_revolute.tolist()
+    arm = builtin_robot("rb5" if robot == "gantry" else robot)
+    if robot == "gantry":
+        sliding = [replace(joint, type="prismatic", min=0.0, max=500.0) for joint in arm.joints[:3]]
+        arm = replace(arm, joints=(*sliding, *arm.joints[3:]))
     with pytest.raises(CalibError, match=reason):
-        require_point_list(Path("targets.mod"), kinds)
+        require_point_list(Path("targets.mod"), arm)
 
 
 @pytest.mark.slow

@@ -28,7 +28,8 @@ from jinja2.sandbox import ImmutableSandboxedEnvironment
 
 from calib.array_types import BoolArray
 from calib.errors import CalibError
-from calib.robot_formats.programs import JointTarget, MeasuringStep, identifiers, plain_line, require_joints
+from calib.extras.robot_programs.point_lists import identifiers, plain_line, require_joints
+from calib.robot_formats.joint_targets import JointTarget, MeasuringStep
 
 TEMPLATES = {".script": ("measure.script",), ".src": ("measure.src", "measure.dat"), ".mod": ("measure.mod",)}
 """Shipped templates by the suffix of a program; further ones are of files that stand beside it."""
@@ -166,7 +167,7 @@ def program_files(path: Path) -> tuple[Path, ...]:
 
 
 def _shipped(name: str) -> ProgramTemplate:
-    text = (files("calib.robot_formats") / "templates" / name).read_text(encoding="utf-8")
+    text = (files("calib.extras.robot_programs") / "templates" / name).read_text(encoding="utf-8")
     return ProgramTemplate(name, text)
 
 

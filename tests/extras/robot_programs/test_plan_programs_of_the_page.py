@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from inspector.panels.learn.plan import MAKE, PROGRAMS
+from inspector.panels.learn.plan import MAKE, plan_files
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
@@ -22,9 +22,11 @@ def test_programs_are_downloaded_for_each_language(tmp_path: Path) -> None:
         page.click(MAKE)
         shows(page, "3 poses for")
         page.wait(lambda p: p.props("Program")["visible"])
-        for name, file in PROGRAMS.items():
-            page.press("Program", name)
-            page.wait(lambda p, file=file: file in p.downloads)
+        programs = [each for each in plan_files() if each.group == "Program"]
+        assert len(programs) == 3
+        for program in programs:
+            page.press("Program", program.name)
+            page.wait(lambda p, program=program: program.file in p.downloads)
         page.wait(lambda p: "measure.dat" in p.downloads)
         assert b"DEF measure( )" in page.downloads["measure.src"]
         assert page.downloads["measure.script"].count(b'measure_here("') == 3

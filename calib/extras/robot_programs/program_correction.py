@@ -22,11 +22,11 @@ from calib.compensation.correction import Correction, Corrects
 from calib.compensation.postures import Place, Posture, flange_frames, postures_at, tool_row
 from calib.compensation.target_correction import correction_of
 from calib.errors import CalibError
+from calib.extras.robot_programs.program_targets import Frames, Program, frame_of, require_frames
+from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
+from calib.extras.robot_programs.program_text.source import ProgramTarget
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
-from calib.robot_formats.program_targets import Frames, Program, frame_of, require_frames
-from calib.robot_formats.program_text.pose_numbers import pose_transform, pose_values
-from calib.robot_formats.program_text.source import ProgramTarget
 
 SAME_POINT_MM = 0.5
 """Distance within which a program's tool point is that of robot.toml."""

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError
-from calib.robot_formats.program_targets import load_program
+from calib.extras.robot_programs.program_targets import load_program
 
 Statement = tuple  # ("set", k), ("move",), ("call", k), ("if", yes, no), ("loop", body)
 ROUTINES = 3

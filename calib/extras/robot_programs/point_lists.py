@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.errors import CalibError, visible
 from calib.kinematics.robot import Robot
+from calib.robot_formats.joint_targets import JointTarget
 
 _URSCRIPT = """
 and break continue def elif else end enter_critical exit_critical False for global goto halt if in join kill
@@ -81,14 +81,9 @@ LANGUAGES = {".script": "URScript", ".dat": "KRL", ".mod": "RAPID"}
 _COMMENT = {".script": "#", ".dat": ";", ".mod": "!"}
 
 
-def is_point_list(path: Path) -> bool:
-    """Whether a file of this name holds a controller's point list."""
-    return path.suffix.lower() in LANGUAGES
-
-
-def require_point_list(path: Path, is_revolute: Sequence[bool]) -> None:
+def require_point_list(path: Path, robot: Robot) -> None:
     """Raise CalibError for an arm whose joint values the point list of a file's suffix cannot hold."""
-    require_joints(path, LANGUAGES[path.suffix.lower()], is_revolute, "; write the targets as .csv")
+    require_joints(path, LANGUAGES[path.suffix.lower()], robot.is_revolute.tolist(), "; write the targets as .csv")
 
 
 def require_joints(path: Path, language: str, is_revolute: Sequence[bool], remedy: str = "") -> None:
@@ -103,25 +98,7 @@ def require_joints(path: Path, language: str, is_revolute: Sequence[bool], remed
         )
 
 
-@dataclass(frozen=True)
-class JointTarget:
-    """A joint target with the user's name for it."""
-
-    name: str
-    q: Array  # (n,) rad or mm, as it is commanded
-    left_out: str = ""  # reason for leaving it out; "" where it is kept
-
-
-@dataclass(frozen=True)
-class MeasuringStep:
-    """A pose to measure, with the way to it from the pose before."""
-
-    target: JointTarget
-    way: tuple[JointTarget, ...] = ()  # points that the arm passes at rest, in this order
-    ask: str = ""  # what a person has to do or look at before the arm moves; "": nothing
-
-
-def point_list(path: Path, targets: Sequence[JointTarget], heading: Sequence[str]) -> str:
+def point_list(path: Path, robot: Robot, targets: Sequence[JointTarget], heading: Sequence[str]) -> str:
     """Point list in the language of the file's suffix; targets that are left out become comments with the reason.
 
     heading: first lines, as comments. The arm has to pass `require_point_list`.
@@ -187,7 +164,7 @@ STANDS_S = 3.0  # at each target, for the measurement
 _FIRST_S = 10.0  # to the first target, from wherever the arm stands
 
 
-def trajectory_yaml(robot: Robot, targets: Sequence[JointTarget], heading: Sequence[str]) -> str:
+def trajectory_yaml(path: Path, robot: Robot, targets: Sequence[JointTarget], heading: Sequence[str]) -> str:
     """ROS trajectory through the targets in their order, with a stop of some seconds (two points) at each.
 
     heading: first lines, as comments.

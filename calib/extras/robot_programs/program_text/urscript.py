@@ -15,9 +15,9 @@ from math import pi
 
 import numpy as np
 
-from calib.robot_formats.program_text.flow import Mark, reaching
-from calib.robot_formats.program_text.pose_numbers import pose_transform
-from calib.robot_formats.program_text.source import (
+from calib.extras.robot_programs.program_text.flow import Mark, reaching
+from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
+from calib.extras.robot_programs.program_text.source import (
     Group,
     Held,
     LeftLiteral,

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calib.errors import CalibError
-from calib.robot_formats.program_targets import Program, load_program
-from calib.robot_formats.program_text.pose_numbers import pose_transform, pose_values
+from calib.extras.robot_programs.program_targets import Program, load_program
+from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
 
 URSCRIPT = """def prog():
   # q0 = [0, 0, 0, 0, 0, 0]

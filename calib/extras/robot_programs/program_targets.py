@@ -10,9 +10,15 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
-from calib.robot_formats.program_text import krl, rapid, urscript
-from calib.robot_formats.program_text.pose_numbers import FORM, NUMBERS, least_decimals, pose_transform
-from calib.robot_formats.program_text.source import LeftLiteral, NamedFrame, ProgramTarget, ProgramTargets, Source
+from calib.extras.robot_programs.program_text import krl, rapid, urscript
+from calib.extras.robot_programs.program_text.pose_numbers import FORM, NUMBERS, least_decimals, pose_transform
+from calib.extras.robot_programs.program_text.source import (
+    LeftLiteral,
+    NamedFrame,
+    ProgramTarget,
+    ProgramTargets,
+    Source,
+)
 
 LANGUAGES = {
     **dict.fromkeys((".script", ".urscript"), "URScript"),

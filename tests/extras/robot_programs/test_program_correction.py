@@ -13,11 +13,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from calib.compensation.postures import Place, flange_frames, postures_at
-from calib.compensation.program_correction import ProgramCorrection, corrected_program
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
+from calib.extras.robot_programs.program_correction import ProgramCorrection, corrected_program
+from calib.extras.robot_programs.program_targets import load_program
 from calib.kinematics.robot import Robot
-from calib.robot_formats.program_targets import load_program
 from inspector.cli.parser import main
 from tests.support.hidden_dataset import write_hidden
 

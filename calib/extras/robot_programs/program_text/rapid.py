@@ -14,8 +14,8 @@ from math import inf
 
 import numpy as np
 
-from calib.robot_formats.program_text.pose_numbers import pose_transform
-from calib.robot_formats.program_text.source import (
+from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
+from calib.extras.robot_programs.program_text.source import (
     NUMBER,
     Group,
     Held,

@@ -14,10 +14,7 @@ from calib.array_types import Array
 from calib.dataset.dataset import Box
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.planning.plan import Plan, plan_poses
-from calib.planning.start import FromRobot
-from calib.planning.ways import passed
-from calib.robot_formats.measuring_program import (
+from calib.extras.robot_programs.measuring_program import (
     PLACEHOLDERS,
     Measured,
     MeasuringOptions,
@@ -25,10 +22,14 @@ from calib.robot_formats.measuring_program import (
     Trigger,
     shipped_template,
 )
-from calib.robot_formats.program_targets import load_program
+from calib.extras.robot_programs.program_targets import load_program
+from calib.planning.plan import Plan, plan_poses
+from calib.planning.start import FromRobot
+from calib.planning.ways import passed
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.measurable import collides
-from inspector.export.plan_files import check_plan_program, planned_file, planned_program
+from inspector.export.plan_files import planned_file
+from inspector.extras.robot_programs.planned_program import check_plan_program, planned_program
 
 SIGNALS = {".script": ("3", "4"), ".src": ("17", "18"), ".mod": ("doMeasure", "diDone")}
 WRITTEN_DEG = {".script": 1e-7, ".src": 1e-7, ".mod": 1e-7}  # last place of what is written, in degrees
