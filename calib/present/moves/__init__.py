@@ -1,1 +1,1 @@
-"""What is told of poses to come: plans, corrected targets and programs."""
+"""What is told of poses to come: plans and corrected targets."""
