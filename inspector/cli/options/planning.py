@@ -20,7 +20,7 @@ class PlanOptions(FittingOptions, RobotFileOptions):
     path: Path = argument("dataset folder, or a robot: a file of any form, rb5 or panda", metavar="PATH")
     poses: int | None = option("a first set of K poses (default 20 for a robot)", metavar="K", parse=values.pose_count)
     add: int | None = option(
-        "K more poses for a dataset (default 5; 8 to watch; as many as it takes to prove)",
+        "K more poses for a dataset (default 5, or as many as the purpose takes)",
         metavar="K",
         parse=values.pose_count,
     )
