@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from calib.plugins import load
+from inspector.cli.options.declaration import arguments_of, spelling
 from inspector.plugins import Command, CommandOptions, PipExtra, contributions
 
 _OPTIONS = "inspector.cli.options"
@@ -42,8 +45,9 @@ EXTRA_OF = {
     "jig": "printed_parts",
     "fleet": "fleet",
     "mcp": "mcp",
+    "--program": "robot_programs",
 }
-"""The extra of this project that brings each command which is not core's, for who asks where it is not there."""
+"""The extra that brings each command or option which is not core's, for who asks where it is not there."""
 
 
 def commands() -> dict[str, Command]:
@@ -58,6 +62,14 @@ def commands() -> dict[str, Command]:
 def additions(command: Command) -> tuple[CommandOptions, ...]:
     """Options that plug-ins add to a command."""
     return tuple(added for added in contributions(CommandOptions) if added.command == command.name)
+
+
+def lacking(words: Sequence[str]) -> str:
+    """Why a command line cannot run for the want of one of this project's extras; "" where none is missing."""
+    asked = [word for at, word in enumerate(words) if word in EXTRA_OF and (at == 0 or word.startswith("--"))]
+    there = {*commands(), *map(spelling, arguments_of(*(load(each.options) for each in contributions(CommandOptions))))}
+    missing = next((word for word in asked if word not in there), "")
+    return f"{missing} is of the extra {EXTRA_OF[missing]}, which this installation lacks" if missing else ""
 
 
 def declarations(command: Command) -> tuple[type, ...]:

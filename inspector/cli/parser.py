@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 from calib.errors import CalibError, printable
 from calib.plugins import load
-from inspector.cli.commands import EXTRA_OF, additions, commands, declarations, pip_extra_of
+from inspector.cli.commands import additions, commands, declarations, lacking, pip_extra_of
 from inspector.cli.options.declaration import add_arguments, help_of
 from inspector.plugins import Command, left_out
 
@@ -27,8 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for line in left_out():
         print(f"inspector: warning: {printable(line)}", file=sys.stderr)
     there = commands()
-    if words and words[0] in EXTRA_OF and words[0] not in there:
-        return _refused(f"{words[0]} is a command of the extra {EXTRA_OF[words[0]]}, which this installation lacks")
+    if why := lacking(words):
+        return _refused(why)
     parsed = vars(parser_of(there.values()).parse_args(words))
     given: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in parsed.items()}
     command: Command = given.pop("command")

@@ -21,7 +21,8 @@ def check_plan_file(path: Path) -> None:
     if path.suffix.lower() != CSV and form_of_targets(path, motions=True) is None:
         forms = [f"{form.suffixes[0]} ({form.name})" for form in contributions(TargetForm)]
         known = " or ".join(filter(None, [", ".join([f"{CSV} (poses.csv)", *forms[:-1]]), *forms[-1:]]))
-        raise CalibError(f"{path}: a plan is written as {known}")
+        others = "" if forms else "; robot programs are written by the extra robot_programs"
+        raise CalibError(f"{path}: a plan is written as {known}{others}")
 
 
 def planned_file(path: Path, plan: Plan) -> str:

@@ -14,7 +14,6 @@ from calib.errors import CalibError
 from calib.kinematics.chain import forward, target_points
 from calib.kinematics.robot import Robot, Target
 from calib.robot_formats.robots import load_robot, save_robot
-from inspector.cli.parser import main
 from tests.support.arms import random_arm
 
 ARMS = {
@@ -82,17 +81,6 @@ def test_the_measured_point_is_a_site(tmp_path: Path) -> None:
         data.qpos[:] = values
         mujoco.mj_kinematics(model, data)
         assert np.abs(data.site("tool_point").xpos - point / 1e3).max() < 1e-9
-
-
-@pytest.mark.slow
-def test_convert_goes_by_the_suffix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("mujoco")
-    (tmp_path / "robot.toml").write_text(Path("calib/robots/rb5.toml").read_text())
-    assert main(["convert", str(tmp_path / "robot.toml"), str(tmp_path / "arm.xml")]) == 0
-    assert main(["convert", str(tmp_path / "arm.xml"), str(tmp_path / "arm.urdf")]) == 0
-    assert "reaches the file's own places" in capsys.readouterr().out
-    q = joints(ARMS["rb5"])
-    assert np.abs(tips(load_robot(tmp_path / "arm.urdf"), q) - tips(ARMS["rb5"], q)).max() < 1e-9
 
 
 @pytest.mark.parametrize(("name", "says"), [("arm.sdf", "give the arm's URDF"), ("arm.srdf", "as --base and --tip")])

@@ -22,7 +22,7 @@ from calib.dataset.files.robot_toml import load_robot_toml
 from calib.measurement.measured_points import failed_searches
 from calib.models.model_file import load_model
 from calib.plugins import load
-from inspector.cli.commands import commands, declarations
+from inspector.cli.commands import commands, declarations, lacking
 from inspector.cli.parser import main, parser_of
 from inspector.plugins import Command
 from inspector.session.measuring import open_session, with_search
@@ -755,3 +755,20 @@ def test_the_terminal_tells_angles_in_degrees_and_the_headline(
         re.MULTILINE,
     )
     assert "(RMS) at test poses" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["watch", "a", "b"], "watch is of the extra watch"),
+        (["correct", "a", "--program", "b.src"], "--program is of the extra robot_programs"),
+        (["plan", "a", "--for", "watch"], ""),
+    ],
+)
+def test_what_an_extra_brings_is_told_with_its_name_where_it_is_not_there(
+    words: list[str], says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inspector.cli.commands.contributions", lambda kind: ())
+    told = lacking(words)
+    assert told.startswith(says)
+    assert bool(told) == bool(says)
