@@ -30,7 +30,7 @@ _GONE = {  # forms that are not read, with what to give instead
     ".sdf": "SDF is not read; give the arm's URDF",
     ".srdf": "an SRDF is not read; give the arm's URDF, and the links of the group as --base and --tip",
 }
-_OF_PLUGINS = ".xacro, .conf of a UR and .xml of MuJoCo are read where the extra robot_forms is"
+_OF_EXTRA = (".xacro", ".conf")  # what calib/extras/robot_forms reads, where it is there
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,11 @@ def _form_of(path: Path) -> RobotForm:
     if suffix in _GONE:
         raise RobotFileError(f"{path}: {_GONE[suffix]}")
     forms = forms_of(path)
+    if not forms and suffix in _OF_EXTRA:
+        raise RobotFileError(f"{path}: {suffix} is read by the extra robot_forms, which this installation lacks")
     if not forms:
         found, known = suffix or "no suffix", ", ".join(known_suffixes())
-        raise RobotFileError(f"{path}: {found} is no form of a robot; expected {known} ({_OF_PLUGINS})")
+        raise RobotFileError(f"{path}: {found} is no form of a robot; expected {known}")
     if len(forms) == 1:
         return forms[0]
     root = f"<{read_xml(path).root.tag}"
