@@ -9,6 +9,7 @@ from calib.errors import CalibError
 from calib.planning.plan import Plan
 from calib.planning.ways import targets_of
 from calib.plugins import contributions
+from calib.rendering import numbers
 from calib.robot_formats.joint_targets import JointTarget, written_targets
 from calib.robot_formats.target_form import TargetForm, form_of_targets
 from calib.text_files.csv_text import frame_csv
@@ -20,7 +21,7 @@ def check_plan_file(path: Path) -> None:
     """Raise CalibError for a file name whose format is none of those for plans."""
     if path.suffix.lower() != CSV and form_of_targets(path, motions=True) is None:
         forms = [f"{form.suffixes[0]} ({form.name})" for form in contributions(TargetForm)]
-        known = " or ".join(filter(None, [", ".join([f"{CSV} (poses.csv)", *forms[:-1]]), *forms[-1:]]))
+        known = numbers.listing([f"{CSV} (poses.csv)", *forms], "or")
         others = "" if forms else "; robot programs are written by the extra robot_programs"
         raise CalibError(f"{path}: a plan is written as {known}{others}")
 

@@ -13,10 +13,10 @@ from calib.errors import CalibError
 from calib.extras.robot_programs.program_text import krl, rapid, urscript
 from calib.extras.robot_programs.program_text.pose_numbers import FORM, NUMBERS, least_decimals, pose_transform
 from calib.extras.robot_programs.program_text.source import (
-    LeftLiteral,
     NamedFrame,
     ProgramTarget,
     ProgramTargets,
+    SkippedLiteral,
     Source,
 )
 
@@ -42,7 +42,7 @@ class Program:
     language: str
     content: bytes
     targets: tuple[ProgramTarget, ...]
-    left: tuple[LeftLiteral, ...]
+    left: tuple[SkippedLiteral, ...]
     notes: tuple[str, ...] = ()
 
     def with_values(self, values: Mapping[int, Array]) -> bytes:

@@ -18,7 +18,7 @@ Value = TypeVar("Value", bound=Hashable)
 
 
 @dataclass(frozen=True)
-class Mark(Generic[Value]):
+class FlowEvent(Generic[Value]):
     """Something at a place of a program that its flow depends on."""
 
     place: int
@@ -33,11 +33,11 @@ class _Block(Generic[Value]):
 
     kind: Kind
     name: str = ""
-    branches: list[list[Mark[Value] | _Block[Value]]] = field(default_factory=lambda: [[]])
+    branches: list[list[FlowEvent[Value] | _Block[Value]]] = field(default_factory=lambda: [[]])
     complete: bool = False  # one of the branches is always taken
 
 
-def reaching(marks: Iterable[Mark[Value]], before: Value, *, top_first: bool) -> dict[int, frozenset[Value]]:
+def reaching(marks: Iterable[FlowEvent[Value]], before: Value, *, top_first: bool) -> dict[int, frozenset[Value]]:
     """Values that may hold at each "use", by its place.
 
     Args:
@@ -101,7 +101,7 @@ class _Walk(Generic[Value]):
         self.entered: set[str] = set()
 
     def through(
-        self, parts: Sequence[Mark[Value] | _Block[Value]], state: frozenset[Value], depth: int
+        self, parts: Sequence[FlowEvent[Value] | _Block[Value]], state: frozenset[Value], depth: int
     ) -> frozenset[Value]:
         for part in parts:
             if isinstance(part, _Block):
@@ -145,8 +145,8 @@ class _Walk(Generic[Value]):
         self.changed = False
 
 
-def _calls(block: _Block[Value]) -> list[Mark[Value]]:
-    found: list[Mark[Value]] = []
+def _calls(block: _Block[Value]) -> list[FlowEvent[Value]]:
+    found: list[FlowEvent[Value]] = []
     for part in [part for branch in block.branches for part in branch]:
         if isinstance(part, _Block):
             found += _calls(part)

@@ -14,16 +14,17 @@ from math import inf
 
 import numpy as np
 
-from calib.extras.robot_programs.program_text.flow import Mark, reaching
+from calib.extras.robot_programs.program_text.flow import FlowEvent, reaching
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.source import (
+    FramesOfUses,
     Group,
-    Held,
-    LeftLiteral,
     NamedFrame,
     Number,
+    ParsedTarget,
     ProgramTarget,
     ProgramTargets,
+    SkippedLiteral,
     Source,
     external_axes,
     framed,
@@ -62,8 +63,8 @@ _UNKNOWN = {"TOOL": "the tool (the file sets no $TOOL)", "BASE": "the base (the 
 
 def krl_targets(source: Source) -> ProgramTargets:
     """Targets of a KRL source or data file. Raises CalibError where brackets do not match."""
-    left: list[LeftLiteral] = []
-    found: list[Held] = []
+    left: list[SkippedLiteral] = []
+    found: list[ParsedTarget] = []
     outside: list[int] = []  # lines of targets whose external axes stand elsewhere than at 0
     types = _declared(source)
     for group in source.own_groups:
@@ -81,25 +82,25 @@ def krl_targets(source: Source) -> ProgramTargets:
             reason = f"part of a position: the controller keeps the present {missing}"
         numbers = source.numbers([parts[each] for each in wanted if each in parts])
         if reason or isinstance(numbers, str):
-            left.append(LeftLiteral(line, what, reason or str(numbers)))
+            left.append(SkippedLiteral(line, what, reason or str(numbers)))
             continue
         ranges = _ranges(source, parts) if kind == "pose" else ()
         shown = name or _first_word(source, group.start).upper()
         target = ProgramTarget(shown, line, kind, numbers, group.start, ranges_deg=ranges)  # type: ignore[arg-type]
-        found.append(Held(target, name.partition("[")[0].upper()))
+        found.append(ParsedTarget(target, name.partition("[")[0].upper()))
         external = source.numbers([span for each, span in parts.items() if each in _EXTERNAL])
         if isinstance(external, str) or any(number.value for number in external):
             outside.append(line)
     moves = _MOTION.search(source.code) is not None
     uses = _uses(source, {held.variable for held in found if held.variable})
-    fits: list[Held] = []
+    fits: list[ParsedTarget] = []
     for held in found:
         target, own = held.target, uses.get(held.variable, [])
         reason = _unfit(source, held, own, types) if held.variable else ""
         if not reason and target.kind == "joints" and moves and held.variable and not any(use.motion for use in own):
             reason = "no motion of the program uses it"
         if reason:
-            left.append(LeftLiteral(target.line, target.name, reason))
+            left.append(SkippedLiteral(target.line, target.name, reason))
             continue
         words = [use.motion for use in own if use.motion] or [_first_word(source, target.place).upper()]
         # the controller keeps the posture in linear and circular motions, whatever S and T are
@@ -111,7 +112,7 @@ def krl_targets(source: Source) -> ProgramTargets:
     }
     frames = _Frames(source, {place for each in places.values() for place in each})
 
-    def frames_of(held: Held) -> tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str:
+    def frames_of(held: ParsedTarget) -> FramesOfUses | str:
         numbered = frames.numbered(held.variable) if held.variable else None
         if numbered is not None:
             return numbered
@@ -233,7 +234,7 @@ def _uses(source: Source, names: set[str]) -> dict[str, list[_Use]]:
     return found
 
 
-def _unfit(source: Source, held: Held, uses: list[_Use], types: dict[str, str]) -> str:
+def _unfit(source: Source, held: ParsedTarget, uses: list[_Use], types: dict[str, str]) -> str:
     """Reason why a variable with these uses holds no target; "" where it does."""
     changed = next((use for use in uses if use.sets), None)
     if changed is not None:
@@ -261,7 +262,7 @@ class _Frames:
         self._fixed = {match.start() for match in _FIXED_TOOL.finditer(source.code)}
         self._fdat = self._read_fdat()
         blocks = list(_blocks(source))
-        uses = [Mark[NamedFrame](place, "use") for place in places]
+        uses = [FlowEvent[NamedFrame](place, "use") for place in places]
         self._at = {
             kind: reaching([*blocks, *self._sets(kind), *uses], NamedFrame(_UNKNOWN[kind], None), top_first=False)
             for kind in ("TOOL", "BASE")
@@ -287,10 +288,10 @@ class _Frames:
         """Place at which the program's motions change to a fixed tool; None where they do not."""
         return min(self._fixed, default=None)
 
-    def _sets(self, kind: str) -> list[Mark[NamedFrame]]:
+    def _sets(self, kind: str) -> list[FlowEvent[NamedFrame]]:
         source = self._source
         found = [
-            Mark(match.start(), "set", value=self._set(match))
+            FlowEvent(match.start(), "set", value=self._set(match))
             for match in _FRAME_SET.finditer(source.code)
             if match[1].upper() == kind and _first_word(source, match.start()).upper() not in _MOTIONS
         ]
@@ -299,12 +300,12 @@ class _Frames:
             if match[1].upper() == kind:
                 unknown = NamedFrame(f"{kind}_DATA[{number}]", None)
                 frame = self._number(kind, int(number[:9])) if number.isdigit() else unknown
-                found.append(Mark(match.start(), "set", value=frame))
+                found.append(FlowEvent(match.start(), "set", value=frame))
         for match in _ACTIVE.finditer(source.code):
             known = self._fdat.get(match[1].upper())
             frames = known[kind == "BASE"] if isinstance(known, tuple) else []
             frame = frames[0] if frames else NamedFrame(f"the {kind.lower()} of {match[1]}", None)
-            found.append(Mark(match.start(), "set", value=frame))
+            found.append(FlowEvent(match.start(), "set", value=frame))
         return found
 
     def _number(self, kind: str, number: int) -> NamedFrame:
@@ -367,29 +368,29 @@ class _Frames:
         return found
 
 
-def _blocks(source: Source) -> Iterable[Mark[NamedFrame]]:
+def _blocks(source: Source) -> Iterable[FlowEvent[NamedFrame]]:
     """Marks of the program's routines, branches, loops and calls."""
     for match in _STATEMENT.finditer(source.code):
         word, place = match[1].upper(), match.start(1)
         if word in ("DEF", "DEFFCT"):
             name = re.compile(r"[^\r\n(]*?(\w+)\s*\(").match(source.code, match.end())
-            yield Mark(place, "routine", name[1].upper() if name else "")
+            yield FlowEvent(place, "routine", name[1].upper() if name else "")
         elif word in ("IF", "SWITCH"):
-            yield Mark(place, "if", word)
+            yield FlowEvent(place, "if", word)
             if word == "SWITCH":  # nothing stands before the first CASE
                 continue
         elif word in ("ELSE", "CASE", "DEFAULT"):
-            yield Mark(place, "else", "case" if word == "CASE" else "")
+            yield FlowEvent(place, "else", "case" if word == "CASE" else "")
         elif word in ("FOR", "WHILE"):
-            yield Mark(place, "loop")
+            yield FlowEvent(place, "loop")
         elif word in ("LOOP", "REPEAT"):
-            yield Mark(place, "loop", "always")
+            yield FlowEvent(place, "loop", "always")
         elif word in ("END", "ENDFCT", "ENDIF", "ENDSWITCH", "ENDFOR", "ENDWHILE", "ENDLOOP", "UNTIL"):
-            yield Mark(place, "end")
+            yield FlowEvent(place, "end")
         if word not in ("DEF", "DEFFCT", "EXT", "EXTFCT", "EXTFCTP", "DECL"):
             line = source.code[place : source.line_end(place)]
             for call in re.finditer(r"(?<![\w$#.])([A-Za-z_]\w*)\s*\(", line):
-                yield Mark(place + call.start(), "call", call[1].upper())
+                yield FlowEvent(place + call.start(), "call", call[1].upper())
 
 
 def _name(kind: str, number: int) -> str:

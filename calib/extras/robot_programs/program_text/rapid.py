@@ -17,12 +17,13 @@ import numpy as np
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.source import (
     NUMBER,
+    FramesOfUses,
     Group,
-    Held,
-    LeftLiteral,
     NamedFrame,
+    ParsedTarget,
     ProgramTarget,
     ProgramTargets,
+    SkippedLiteral,
     Source,
     external_axes,
     framed,
@@ -67,8 +68,8 @@ class _Move:
 
 def rapid_targets(source: Source) -> ProgramTargets:
     """Targets of a RAPID module or program. Raises CalibError where brackets do not match."""
-    left: list[LeftLiteral] = []
-    found: list[Held] = []
+    left: list[SkippedLiteral] = []
+    found: list[ParsedTarget] = []
     outside: list[int] = []  # lines of targets whose external axes stand elsewhere than at 0
     counts: dict[str, int] = {}
     changed, replaced = _assigned_later(source)
@@ -97,23 +98,23 @@ def rapid_targets(source: Source) -> ProgramTargets:
                     frames[kind][name] = None
                 role = "the definition of a tool" if kind == "tool" else "the definition of a work object"
                 if group.start < source.own_end:
-                    left.append(LeftLiteral(line, declaration[2], role))
+                    left.append(SkippedLiteral(line, declaration[2], role))
             continue
         if group.start >= source.own_end:
             continue
         is_held = declaration is not None and declaration[1].lower() in _HELD
         if shape not in _SHAPES:
             if group.parent is None and declaration is not None and is_held and declaration[3] is None:
-                left.append(LeftLiteral(line, declaration[2], "its parts are not all plain numbers"))
+                left.append(SkippedLiteral(line, declaration[2], "its parts are not all plain numbers"))
             elif group.parent is None and shape == (3, 4):
-                left.append(LeftLiteral(line, what, "a pose, no robtarget"))
+                left.append(SkippedLiteral(line, what, "a pose, no robtarget"))
             continue
         name, array, reason = _place_of(source, group, declaration)
         reason = reason or replaced.get(name.lower(), "")
         spans = group.children[0].items + (group.children[1].items if len(shape) == 4 else [])
         numbers = source.numbers(spans)
         if reason or isinstance(numbers, str):
-            left.append(LeftLiteral(line, name or what, reason or str(numbers)))
+            left.append(SkippedLiteral(line, name or what, reason or str(numbers)))
             continue
         kind = _SHAPES[shape]
         ranges = _ranges(source, group.children[2]) if kind == "pose" else ()
@@ -124,18 +125,20 @@ def rapid_targets(source: Source) -> ProgramTargets:
         external = ["".join(source.code[a:b].split()) for a, b in group.children[-1].items]
         if not all(NUMBER.fullmatch(each) and not 0.0 < abs(float(each)) < _UNUSED_AXIS for each in external):
             outside.append(line)
-        found.append(Held(ProgramTarget(shown, line, kind, numbers, group.start, ranges_deg=ranges), name))  # type: ignore[arg-type]
+        found.append(ParsedTarget(ProgramTarget(shown, line, kind, numbers, group.start, ranges_deg=ranges), name))  # type: ignore[arg-type]
     moves = _moves(source)
     by_name = _moves_by_name(source, moves, {held.variable.lower() for held in found if held.variable})
     move_starts = [move.start for move in moves]
-    fits: list[Held] = []
+    fits: list[ParsedTarget] = []
     own: dict[int, list[_Move]] = {}
     for held in found:
         target, uses = held.target, by_name.get(held.variable.lower(), [])
         if not held.variable:
             k = bisect_right(move_starts, target.place) - 1
             if k < 0 or target.place >= moves[k].end:
-                left.append(LeftLiteral(target.line, target.name or "a target", "an argument or part of an expression"))
+                left.append(
+                    SkippedLiteral(target.line, target.name or "a target", "an argument or part of an expression")
+                )
                 continue
             uses = [moves[k]]
             target = replace(target, name=source.code[moves[k].start : moves[k].end].split(None, 1)[0])
@@ -143,7 +146,7 @@ def rapid_targets(source: Source) -> ProgramTargets:
         own[target.place] = uses
         fits.append(replace(held, target=target))
 
-    def frames_of(held: Held) -> tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str:
+    def frames_of(held: ParsedTarget) -> FramesOfUses | str:
         uses = own[held.target.place]
         if moves and not uses:
             return "no move of the program uses it, so its tool and work object are not known"
@@ -162,7 +165,7 @@ def rapid_targets(source: Source) -> ProgramTargets:
     targets, without = framed(fits, frames_of)
     left += without
     left += [
-        LeftLiteral(source.line(m.start()), m[1], "an offset from a target, which moves along with it")
+        SkippedLiteral(source.line(m.start()), m[1], "an offset from a target, which moves along with it")
         for m in _OFFSET.finditer(source.code, 0, source.own_end)
     ]
     displaced = _DISPLACED.search(source.code)

@@ -87,7 +87,7 @@ class ProgramTarget:
 
 
 @dataclass(frozen=True)
-class LeftLiteral:
+class SkippedLiteral:
     """Something in a program that looks like a target and is none that can be corrected."""
 
     line: int
@@ -100,7 +100,7 @@ class ProgramTargets:
     """Targets of a program, what else looks like one, and remarks on the whole."""
 
     targets: tuple[ProgramTarget, ...]
-    left: tuple[LeftLiteral, ...]
+    left: tuple[SkippedLiteral, ...]
     notes: tuple[str, ...] = ()
 
 
@@ -300,16 +300,19 @@ def one_frame(frames: Iterable[NamedFrame]) -> NamedFrame | str:
 
 
 @dataclass(frozen=True)
-class Held:
+class ParsedTarget:
     """A target as it was read, before its tool and work frame are known."""
 
     target: ProgramTarget
     variable: str = ""  # that holds it; "" for one in a motion
 
 
+FramesOfUses = tuple[Iterable[NamedFrame], Iterable[NamedFrame]]  # tools and work frames
+
+
 def framed(
-    found: Sequence[Held], frames_of: Callable[[Held], tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str]
-) -> tuple[list[ProgramTarget], list[LeftLiteral]]:
+    found: Sequence[ParsedTarget], frames_of: Callable[[ParsedTarget], FramesOfUses | str]
+) -> tuple[list[ProgramTarget], list[SkippedLiteral]]:
     """Targets with the tool and work frame of their uses, and those that have no single one.
 
     Args:
@@ -317,7 +320,7 @@ def framed(
         frames_of: tools and work frames of a pose's uses, or the reason why it is left.
     """
     targets: list[ProgramTarget] = []
-    left: list[LeftLiteral] = []
+    left: list[SkippedLiteral] = []
     for held in found:
         target = held.target
         if target.kind == "pose":
@@ -328,7 +331,7 @@ def framed(
             elif isinstance(work, str) and not isinstance(frames, str):
                 work = f"it is used with several work frames, {work}; write a target for each"
             if isinstance(tool, str) or isinstance(work, str):
-                left.append(LeftLiteral(target.line, target.name, str(work)))
+                left.append(SkippedLiteral(target.line, target.name, str(work)))
                 continue
             target = replace(target, tool=tool, work=work)
         targets.append(target)

@@ -15,16 +15,17 @@ from math import pi
 
 import numpy as np
 
-from calib.extras.robot_programs.program_text.flow import Mark, reaching
+from calib.extras.robot_programs.program_text.flow import FlowEvent, reaching
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.source import (
+    FramesOfUses,
     Group,
-    Held,
-    LeftLiteral,
     NamedFrame,
     Number,
+    ParsedTarget,
     ProgramTarget,
     ProgramTargets,
+    SkippedLiteral,
     Source,
     Word,
     framed,
@@ -106,8 +107,8 @@ class _Program:
     def targets(self) -> ProgramTargets:
         """Targets with their frames, and what else looks like one."""
         source = self._source
-        left: list[LeftLiteral] = []
-        found: list[tuple[Held, _Role]] = []
+        left: list[SkippedLiteral] = []
+        found: list[tuple[ParsedTarget, _Role]] = []
         for group in source.own_groups:
             start = self._start(group)
             if start is None:
@@ -117,17 +118,17 @@ class _Program:
             numbers = source.numbers(group.items, _UNITS)
             reason = role.reason or (numbers if isinstance(numbers, str) else "")
             if reason or isinstance(numbers, str):
-                left.append(LeftLiteral(line, what, reason))
+                left.append(SkippedLiteral(line, what, reason))
                 continue
             kind = "pose" if start < group.start else "joints"
             target = ProgramTarget(role.name, line, kind, numbers, start)  # type: ignore[arg-type]
-            found.append((Held(target, role.name.partition("[")[0] if role.held else ""), role))
+            found.append((ParsedTarget(target, role.name.partition("[")[0] if role.held else ""), role))
         uses = {name: self._uses(name) for name in {held.variable for held, _ in found if held.variable}}
-        kept: list[tuple[Held, _Role]] = []
+        kept: list[tuple[ParsedTarget, _Role]] = []
         for held, role in found:
             reason = self._unfit(held.variable, uses.get(held.variable, [])) if held.variable else ""
             if reason:
-                left.append(LeftLiteral(held.target.line, held.target.name, reason))
+                left.append(SkippedLiteral(held.target.line, held.target.name, reason))
                 continue
             calls = [role.call, *(use.call for use in uses.get(held.variable, []) if use.is_target)]
             near = next(filter(None, map(self._near, calls)), ()) or self._beside(held.variable)
@@ -141,7 +142,7 @@ class _Program:
         }
         tcps = self._tcps({place for each in places.values() for place in each})
 
-        def frames_of(held: Held) -> tuple[Iterable[NamedFrame], Iterable[NamedFrame]] | str:
+        def frames_of(held: ParsedTarget) -> FramesOfUses | str:
             role = roles[held.target.place]
             works = [_BASE] if role.frame is None else self._frame(*role.frame)
             tools = [tcp for place in places[held.target.place] for tcp in tcps[place]]
@@ -264,12 +265,12 @@ class _Program:
             return f"it stands behind {name}, which the program computes"
         if any(use.changes for use in uses):
             return f"it stands behind {name}, of which the program changes a number"
-        marks: list[Mark[NamedFrame]] = [
-            Mark(call.items[0][0], "use") for use in uses if (call := use.call) is not None
+        marks: list[FlowEvent[NamedFrame]] = [
+            FlowEvent(call.items[0][0], "use") for use in uses if (call := use.call) is not None
         ]
         for place, group in zip(places, values, strict=True):
             shown = f"{name} of {source.at_line(place)}" if len(places) > 1 else name
-            marks.append(Mark(place, "set", value=None if group is None else self._literal(group, shown)))
+            marks.append(FlowEvent(place, "set", value=None if group is None else self._literal(group, shown)))
         return reaching([*self._structure, *marks], NamedFrame(name, None), top_first=True)
 
     def _value(self, place: int) -> Group | None:
@@ -290,27 +291,27 @@ class _Program:
         end = word.place + len(word.text)
         return self._source.code[end : end + _AHEAD].lstrip()[:1] == "("
 
-    def _marks_of_blocks(self) -> Iterable[Mark[NamedFrame]]:
+    def _marks_of_blocks(self) -> Iterable[FlowEvent[NamedFrame]]:
         defined: set[int] = set()
         words = self._source.words
         for word, following in zip_longest(words, words[1:]):
             kind = _BLOCKS.get(word.text)
             if kind == "routine" and following is not None:
                 defined.add(following.place)
-                yield Mark(word.place, "routine", following.text)
+                yield FlowEvent(word.place, "routine", following.text)
             elif kind is not None and kind != "routine":
-                yield Mark(word.place, kind)  # type: ignore[arg-type]
+                yield FlowEvent(word.place, kind)  # type: ignore[arg-type]
             elif word.text in ("elif", "else"):
-                yield Mark(word.place, "else", "elif" if word.text == "elif" else "")
+                yield FlowEvent(word.place, "else", "elif" if word.text == "elif" else "")
             elif word.text == "end":
-                yield Mark(word.place, "end")
+                yield FlowEvent(word.place, "end")
             elif word.place not in defined and self._is_call(word):
-                yield Mark(word.place, "call", word.text)
+                yield FlowEvent(word.place, "call", word.text)
 
     def _tcps(self, places: Iterable[int]) -> dict[int, frozenset[NamedFrame]]:
         """Tools that may be set at places."""
         source = self._source
-        marks: list[Mark[NamedFrame]] = [Mark(place, "use") for place in places]
+        marks: list[FlowEvent[NamedFrame]] = [FlowEvent(place, "use") for place in places]
         for word in source.words:
             call = self._by_start.get(source.code.find("(", word.place)) if word.text == _TCP else None
             if call is None:
@@ -326,7 +327,7 @@ class _Program:
                 assigned = self._assigned.get(text, [])
                 value = self._value(assigned[0]) if len(assigned) == 1 and text not in self._parameters else None
                 frame = NamedFrame(text, None) if value is None else self._literal(value, text)
-            marks.append(Mark(word.place, "set", value=frame))
+            marks.append(FlowEvent(word.place, "set", value=frame))
         return reaching([*self._structure, *marks], _UNKNOWN_TCP, top_first=True)
 
     def _near(self, call: Group | None) -> tuple[float, ...]:
