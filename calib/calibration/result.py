@@ -254,11 +254,11 @@ class Calibration(FittedResult, Presented):
         return tool_shift(self.dataset.robot, self.robot) if told else None
 
     @cached_property
-    def hand_eye_ambiguity(self) -> str:
-        """Sentence on what the poses leave undetermined of a flange-mounted scanner and its targets; else ""."""
+    def undetermined_shifts(self) -> Array:
+        """Directions (K, 3), base frame, along which a scanner on the flange and its targets may shift together."""
         if not self.model.robot.carries_scanner:
-            return ""
-        return observed_hand_eye(self.dataset.robot, Observations.of(self.fitted_dataset)).ambiguity
+            return np.zeros((0, 3))
+        return observed_hand_eye(self.dataset.robot, Observations.of(self.fitted_dataset)).undetermined_shifts
 
     @property
     def sigma_mm(self) -> float:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,12 +19,10 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.distributions import f_sf
 from calib.effects.catalogue import effects_for
-from calib.effects.catalogue.loads import ToolSag
 from calib.effects.effect import (
     CatalogueEffect,
     Effect,
     Family,
-    NaturalBound,
     Parameter,
     describe,
     exceeded_bound,
@@ -33,11 +30,11 @@ from calib.effects.effect import (
     full_name,
 )
 from calib.effects.gravity import has_masses
-from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.intervention.differences import Differences, differences_of
 from calib.intervention.displacements import PairDisplacements, displacements_of
 from calib.intervention.pairs import APPROACH, PAYLOAD, SETUP, TARGET, TIME, PairedPoses, find_pairs
+from calib.intervention.payload_sag import ToolSagUnderPayload
 from calib.kinematics.robot import Robot
 from calib.screening.evidence import FamilyColumns, evaluate_family
 
@@ -50,30 +47,6 @@ _NONLINEAR = ("nonlinear_stiffness", "gravity_backlash", "bearing_clearance")
 _NEXT_TERM = {"nonlinear_stiffness": "joint_compliance"}
 """Effects that are the next term of another's law: no rival of it, and looked for beside it."""
 _LEVELS_OF_NEXT_TERM = 3  # of the condition: two show a slope, three its change
-
-
-@dataclass(frozen=True)
-class ToolSagUnderPayload(ToolSag):
-    """A tool that gives way to what it carries: it moves by payload times R diag(c) R^T g."""
-
-    equation = "target moves by payload R diag(c) R^T g"
-    symbols = (("c", "mm/kg"),)
-    needs = "payload_kg that varies"
-    bounds = (NaturalBound(1.0, "mm/kg", "a tool that gives way so much is loose"),)
-    under_load: ClassVar[bool] = True
-    parameters = tuple(
-        Parameter(f"{a}_mm_per_kg", "mm/kg", 0.02, f"sag under 1 kg with gravity along the tool's {a}") for a in "xyz"
-    )
-
-    def apply(self, state: RobotState, **values: float) -> RobotState:
-        """Robot state with the target displaced, by as much as each pose's payload."""
-        payload_kg = state.poses.payload_kg
-        if payload_kg is None:
-            return state
-        per_kg = dict(zip(("x_mm", "y_mm", "z_mm"), values.values(), strict=True))
-        unloaded = replace(state, displacement_mm=np.zeros((1, 3)))
-        sag_mm = super().apply(unloaded, **per_kg).displacement_mm
-        return state.displace(payload_kg[:, None] * sag_mm)
 
 
 @dataclass(frozen=True)

@@ -43,31 +43,6 @@ class HandEye:
     undetermined_rotation: bool  # whether some turn of a scanner on the flange changes no measured point
     undetermined_shifts: Array  # (K, 3) orthonormal, base frame: along which targets and scanner may shift together
 
-    @property
-    def ambiguity(self) -> str:
-        """Sentence on the directions that the poses leave undetermined; "" where there are none."""
-        count = len(self.undetermined_shifts)
-        if count == 0:
-            return ""
-        if count >= 3:
-            return (
-                "the flange hardly turns, so the targets' positions in the world and the scanner's on the flange are "
-                "known only together; poses that turn the flange about two axes tell them apart"
-            )
-        if count == 1:
-            along = self.undetermined_shifts[0] * np.sign(
-                self.undetermined_shifts[0][np.argmax(np.abs(self.undetermined_shifts[0]))]
-            )
-            x, y, z = np.round(along, 2) + 0.0  # no -0.00
-            return (
-                f"the flange turns about little but one direction ({x:.2f}, {y:.2f}, {z:.2f} in the base frame), so "
-                "the positions of targets and scanner along it are known only together; tilt the flange to part them"
-            )
-        return (
-            "the poses leave two directions open, along which the positions of targets and scanner are known only "
-            "together; turn the flange about two axes to tell them apart"
-        )
-
 
 def with_world_targets(robot: Robot, position_mm: Mapping[str, Array]) -> Robot:
     """Robot with further targets added at positions (3,), mm in the base frame, fixed in the world."""

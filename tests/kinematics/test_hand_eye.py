@@ -47,7 +47,7 @@ def test_any_mount_and_any_place_is_found_exactly(seed: int, setups: int, target
         np.testing.assert_allclose(found.flange_T_scanner[name], flange_T_scanner, atol=1e-6)
     for name, position_mm in found.position_mm.items():
         np.testing.assert_allclose(position_mm, truth.position_mm[name], atol=1e-6)
-    assert found.ambiguity == ""
+    assert len(found.undetermined_shifts) == 0
     assert not found.undetermined_rotation
 
 

@@ -192,6 +192,28 @@ def fit_sentence(calibration: Calibration) -> str:
 # ---- warnings -------------------------------------------------------------------------------------------------------
 
 
+def _open_directions(shifts: Array) -> str:
+    """Sentence on the directions (K, 3) along which the poses leave scanner and targets undetermined; "" for none."""
+    if len(shifts) == 0:
+        return ""
+    if len(shifts) >= 3:
+        return (
+            "the flange hardly turns, so the targets' positions in the world and the scanner's on the flange are "
+            "known only together; poses that turn the flange about two axes tell them apart"
+        )
+    if len(shifts) == 1:
+        along = shifts[0] * np.sign(shifts[0][np.argmax(np.abs(shifts[0]))])
+        x, y, z = np.round(along, 2) + 0.0  # no -0.00
+        return (
+            f"the flange turns about little but one direction ({x:.2f}, {y:.2f}, {z:.2f} in the base frame), so "
+            "the positions of targets and scanner along it are known only together; tilt the flange to part them"
+        )
+    return (
+        "the poses leave two directions open, along which the positions of targets and scanner are known only "
+        "together; turn the flange about two axes to tell them apart"
+    )
+
+
 def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
     """Warnings on the data, the tool, the fit and single poses, to be read before a calibration is used."""
     fitted = calibration.fitted_dataset
@@ -205,7 +227,7 @@ def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
             "the lens was found from the images, and a fit of anything but full poses takes its errors, which all of "
             "them share, for independent ones: sigmas come out too small; fit full poses (--residual pose)"
         )
-    sentences.append(calibration.hand_eye_ambiguity)
+    sentences.append(_open_directions(calibration.undetermined_shifts))
     if not calibration.fit.converged:
         sentences.append(f"the fit did not converge: {calibration.fit.reason}")
     sentences.append(worsening_sentence(calibration))
