@@ -1,1 +1,1 @@
-"""Robot descriptions in users' formats, read and written: URDF, xacro, MJCF, tables, makers' files."""
+"""Robot descriptions in users' forms, read and written: URDF, joint origins, tables; plug-ins bring further forms."""

@@ -28,11 +28,11 @@ def load_robot(
     convention: str | None = None,
     model: str | None = None,
 ) -> Robot:
-    """A robot from robot.toml, URDF, MJCF, a kinematics YAML or CSV, a dataset's folder, or built in by its name.
+    """A robot from robot.toml, URDF, a kinematics YAML or CSV, a form of a plug-in, a dataset's folder, or by its name.
 
     Args:
         source: the file, the folder, the name of a built-in robot ("rb5", "panda"), or a robot, which is returned.
-        tip: link, body or site at which the arm of a URDF or MJCF ends, where it has several.
+        tip: link, body or site at which the arm of a file with links ends, where it has several.
         base: link or body at which it starts.
         convention: "standard" or "modified", of a .csv table of theta, d, a, alpha.
         model: model of a UR arm, for a controller's calibration.conf.
@@ -63,7 +63,7 @@ def load_robot(
 
 
 def save_robot(robot: Robot | str | Path, path: str | Path, template: str | Path | None = None) -> tuple[str, ...]:
-    """Write a robot as .toml, .urdf, .xml (MuJoCo) or .yaml; returns notes on what the form cannot hold.
+    """Write a robot as .toml, .urdf, .yaml or a form of a plug-in; returns notes on what the form cannot hold.
 
     Args:
         robot: a robot, or what `load_robot` takes: so one form is converted into another.

@@ -56,7 +56,7 @@ def test_arguments_of_ros_do_not_reach_the_command(given: list[str], kept: list[
 
 def test_figures_of_the_paper_are_those_of_the_documentation() -> None:
     paper = (ROOT / "paper" / "paper.md").read_text()
-    pages = [ROOT / "docs" / "measured.md", ROOT / "docs" / "guide" / "camera.md"]
+    pages = [ROOT / "docs" / "measured.md", ROOT / "docs" / "extras" / "camera.md"]
     told = " ".join(page.read_text() for page in pages)
     table = [line for line in paper.splitlines() if line.startswith("| ") and "reference" not in line]
     figures = {figure for line in table for figure in re.findall(r"\d+\.\d+", line)}
