@@ -1,4 +1,4 @@
-"""What a camera sees: ChArUco boards, grids of ArUco and AprilTag markers, single markers, checkerboards, and balls."""
+"""What a camera sees: ChArUco boards, grids of ArUco and AprilTag markers, single markers, and checkerboards."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from calib.array_types import Array
 from calib.brief import Brief
 from calib.errors import CalibError
 
-KINDS = ("charuco", "checkerboard", "aruco", "apriltag", "ball")
+KINDS = ("charuco", "checkerboard", "aruco", "apriltag")
 _FORMS = (
     "charuco:SQUARESxSQUARES:square_mm:marker_mm, checkerboard:SQUARESxSQUARES:square_mm, "
-    "apriltag:TAGSxTAGS:tag_mm:gap_mm (or aruco:...), apriltag:tag_mm (or aruco:...) for a single one, ball:diameter_mm"
+    "apriltag:TAGSxTAGS:tag_mm:gap_mm (or aruco:...), apriltag:tag_mm (or aruco:...) for a single one"
 )
 _MOST = 100  # squares or markers along a side
 _LONGEST_MM = 10_000.0
@@ -22,7 +22,7 @@ _LONGEST_MM = 10_000.0
 
 @dataclass(frozen=True)
 class Board(Brief):
-    """A flat board as its printed size tells it, or a ball.
+    """A flat board as its printed size tells it.
 
     Its frame lies on its middle: x to the right and y down the printed page, z away from who looks at it.
     """
@@ -31,7 +31,7 @@ class Board(Brief):
     kind: str  # of KINDS
     columns: int  # of squares or markers
     rows: int
-    square_mm: float  # side of a square, or of a marker; a ball's diameter
+    square_mm: float  # side of a square, or of a marker
     inner_mm: float  # side of a marker in a square, or the gap between two markers; 0 where there is none
 
     @property
@@ -62,11 +62,6 @@ class Board(Brief):
         return self.kind == "checkerboard" and (self.columns + self.rows) % 2 == 0
 
     @property
-    def is_ball(self) -> bool:
-        """Whether it is a ball, which has no corners."""
-        return self.kind == "ball"
-
-    @property
     def is_single(self) -> bool:
         """Whether it is one marker."""
         return self.kind in ("aruco", "apriltag") and self.columns == self.rows == 1
@@ -86,7 +81,7 @@ def board_of(text: str) -> Board:
     if kind not in KINDS:
         raise _wrong(text, f"no kind of board named {kind!r}")
     columns = rows = 1
-    if kind == "ball" or (kind in ("aruco", "apriltag") and len(parts) == 1):
+    if kind in ("aruco", "apriltag") and len(parts) == 1:
         sizes = [*parts, "0"]
     else:
         counts = re.fullmatch(r"(\d{1,4})x(\d{1,4})", parts[0]) if parts else None

@@ -130,7 +130,7 @@ def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Ar
     pictures: dict[str, Array] = {}
     left_out = {}
     for name, path in images.items():
-        picture = picture_of(cv2, path, cv2.IMREAD_GRAYSCALE)
+        picture = _picture_of(cv2, path)
         if picture is None:
             left_out[path.name] = "cannot be read as an image"
         else:
@@ -154,14 +154,14 @@ def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Ar
     return pictures, size_px, left_out
 
 
-def picture_of(cv2: ModuleType, path: Path, how: int) -> Array | None:
-    """Image of a file, read as one of OpenCV's ways; None where it is none.
+def _picture_of(cv2: ModuleType, path: Path) -> Array | None:
+    """Grey image of a file; None where it is none.
 
     Pixels are taken as the sensor has them: how a program would turn them to be looked at says nothing of the camera.
     """
     if not path.stat().st_size:
         return None
-    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), how | cv2.IMREAD_IGNORE_ORIENTATION)
+    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     return None if picture is None else np.asarray(picture)
 
 
@@ -464,7 +464,7 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
     cv2 = opencv()
     if given is not None and given.size_px != detected.size_px:
-        raise wrong_resolution(given, detected.size_px, ", or leave them out")
+        raise _wrong_resolution(given, detected.size_px)
     fitted = _fitted(cv2, detected, given)
     focus: Focus | None = None
     for _ in range(_FOCUS_ROUNDS):
@@ -523,11 +523,11 @@ def _fitted(
     return _Fitted(lens, sigma_px, both, seen - sum(len(view.corner) for view in views), left_out, sag_mm)
 
 
-def wrong_resolution(given: Lens, size_px: tuple[int, int], otherwise: str = "") -> CalibError:
+def _wrong_resolution(given: Lens, size_px: tuple[int, int]) -> CalibError:
     """Error of a lens that is one of other images."""
     return CalibError(
         f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
-        f"{size_px[0]} x {size_px[1]}; calibrate the camera at this resolution{otherwise}"
+        f"{size_px[0]} x {size_px[1]}; calibrate the camera at this resolution, or leave them out"
     )
 
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from calib import frames
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import fit_measured
@@ -20,9 +19,7 @@ from calib.dataset.files.points_csv import points_frame
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, recognised
 from calib.errors import CalibError
-from calib.extras.camera.ball import SeenBall, balls_in
-from calib.extras.camera.ball_hand_eye import ball_hand_eye
-from calib.extras.camera.board import Board, board_of
+from calib.extras.camera.board import board_of
 from calib.extras.camera.board_hand_eye import board_hand_eye
 from calib.extras.camera.detection import Detected, MeasuredViews, detect, image_files, measure
 from calib.extras.camera.focus import focus_errors
@@ -105,7 +102,7 @@ class CameraPoints:
 
     names: tuple[str, ...]  # (M,) ids of poses
     camera_T_board: Array  # (M, 4, 4)
-    covariance: Array | None  # (M, 6, 6) mm and rad, of a ball (M, 3, 3); None where it is not known
+    covariance: Array | None  # (M, 6, 6) mm and rad; None where it is not known
     shared: Array | None  # (M, 6, K)
     views: CameraViews | None
     mount: str | None
@@ -113,12 +110,6 @@ class CameraPoints:
     point_sigma_mm: float | None = None
     orientation_sigma_deg: float | None = None  # with `point_sigma_mm`, estimated from what a fit leaves
     images: Mapping[str, Path] = field(default_factory=dict)  # the image of each pose that can be kept by its name
-    ball: str | None = None  # as it was named; a ball has no attitude: the camera's axes stand for it
-
-    @property
-    def is_ball(self) -> bool:
-        """Whether a ball was seen in place of a board."""
-        return self.ball is not None
 
     def points(self, ids: Sequence[str]) -> Points:
         """Measured points for poses with given ids."""
@@ -132,7 +123,7 @@ class CameraPoints:
         )
         return Points(
             row, self.camera_T_board[:, :3, 3], np.full(len(row), "jig"),
-            None if covariance is None else covariance[:, :3, :3], None if self.is_ball else orientations,
+            None if covariance is None else covariance[:, :3, :3], orientations,
             shared=None if self.shared is None or not self.shared.shape[2] else self.shared,
         )  # fmt: skip
 
@@ -155,7 +146,7 @@ class CameraPoints:
         estimated = {"sigmas": "estimated"} if sigmas["point_sigma_mm"] and "point_sigma_mm" not in declared else {}
         return (
             {"mount": self.mount or "room"}
-            | ({"kind": "camera"} if self.views is None and not self.is_ball else {})
+            | ({"kind": "camera"} if self.views is None else {})
             | estimated
             | {key: value for key, value in sigmas.items() if value is not None}
         )
@@ -191,29 +182,10 @@ def camera_points(
     assert choice.images is not None
     assert choice.board is not None
     board = board_of(choice.board)
-    if board.is_ball and choice.dictionary is not None:
-        raise CalibError(f"--dictionary {choice.dictionary}: a ball has no markers; leave it out")
-    if board.is_ball and choice.board_sigma is not None:
-        raise CalibError(f"--board-sigma: goes with a board, and --board {board.text} is a ball; leave it out")
-    if board.is_ball and choice.intrinsics is None:
-        raise CalibError(
-            f"--board {board.text}: how far away a ball is follows from its size in the image by a known lens; give it "
-            "by --intrinsics FILE, such as ROS's camera_info.yaml"
-        )
     lens = None if choice.intrinsics is None else load_lens(choice.intrinsics)
     images = image_files(choice.images)
     pose_of, notes = _poses_of_images(choice.images, images, table, ids)
     kept = {stem: path for stem, path in images.items() if stem in pose_of}
-    if board.is_ball:
-        assert lens is not None
-        seen, left_out = balls_in(kept, lens, 0.5 * board.square_mm)
-        told = _told_of_balls(choice, board, seen, left_out)
-        return CameraPoints(
-            tuple(pose_of[stem] for stem in seen),
-            frames.make_transform(np.eye(3), np.stack([ball.xyz_mm for ball in seen.values()])),
-            np.stack([ball.covariance for ball in seen.values()]),
-            None, None, choice.mount, (*notes, *told), ball=board.text,
-        )  # fmt: skip
     detected = detect(kept, board, choice.dictionary, on_progress)
     measured = measure(detected, lens)
     told = _told(choice, detected, measured)
@@ -247,23 +219,6 @@ def camera_points(
 def _is_file_name(pose_id: str) -> bool:
     """Whether a file can have the name of a pose everywhere."""
     return re.fullmatch(r"[A-Za-z0-9][\w.+-]{0,99}", pose_id, re.ASCII) is not None
-
-
-def _told_of_balls(
-    choice: CameraChoice, board: Board, seen: Mapping[str, SeenBall], left_out: Mapping[str, str]
-) -> list[str]:
-    """Notes on the balls that were seen, what was left out, and the lens."""
-    assert choice.intrinsics is not None
-    radius = np.array([ball.radius_px for ball in seen.values()])
-    sigma = np.sqrt([np.linalg.eigvalsh(ball.covariance) for ball in seen.values()])
-    across, along = np.median(sigma[:, 1]), np.median(sigma[:, 2])
-    return [
-        *_told_left_out(left_out),
-        f"{choice.images}: {len(seen)} images show {board.text}, with a radius of {radius.min():.0f} to "
-        f"{radius.max():.0f} pixels: its middle is known to {across:.2g} mm across the sight and to {along:.2g} mm "
-        "along it (standard deviations, medians)",
-        f"the lens is that of {choice.intrinsics.name}, taken as exact",
-    ]
 
 
 def _told_left_out(left_out: Mapping[str, str]) -> list[str]:
@@ -378,10 +333,7 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     flange = forward(robot.table, q[row], robot.is_revolute, robot.base_T_first).base_T_flange
     notes, mount = list(given.notes), given.mount
     if len(row) < _FEWEST:
-        what = "ball" if given.is_ball else "board"
-        raise CalibError(f"the {what} is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
-    if given.is_ball:
-        return _settled_ball(given, flange)
+        raise CalibError(f"the board is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
     both = {name: board_hand_eye(flange, given.camera_T_board, on_flange=name == "flange") for name in MOUNTS}
     if mount is None:
         best = min(MOUNTS, key=lambda name: both[name].rms_mm)
@@ -416,41 +368,6 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     return replace(given, mount=mount, notes=tuple(notes))
 
 
-def _settled_ball(given: CameraPoints, flange: Array) -> CameraPoints:
-    """Places of a ball with the camera's mount, by the arm as its table has it, without those that are far off.
-
-    flange  # (M, 4, 4) base_T_flange of each place. Raises CalibError where the mount is not clear, or the ball's size
-    contradicts the arm.
-    """
-    seen_mm = given.camera_T_board[:, :3, 3]
-    assert given.covariance is not None
-    fits = {
-        name: ball_hand_eye(flange, seen_mm, given.covariance, np.random.default_rng(0), on_flange=name == "flange")
-        for name in (MOUNTS if given.mount is None else (given.mount,))
-    }
-    best = min(fits, key=lambda name: fits[name].misfit)
-    if any(fits[name].misfit < _FAR_MISFIT * fits[best].misfit for name in fits if name != best):
-        told = ", ".join(f"{fit.misfit:.3g} with the camera {_AT[name]}" for name, fit in fits.items())
-        raise CalibError(
-            f"the {len(given.names)} places of the ball do not tell where the camera is (misfit over noise: {told}); "
-            "give --mount flange or --mount room, measure more poses, and check that joints and images belong together"
-        )
-    chosen = fits[best]
-    _require_scale(chosen.scale, chosen.scale_sigma, given)
-    off_mm = np.linalg.norm(chosen.error_mm, axis=1)
-    notes = [
-        f"pose {name} is left out: what its image shows is {mm:.3g} mm from where the arm has the ball"
-        for name, mm, kept in zip(given.names, off_mm, chosen.kept, strict=True)
-        if not kept
-    ]
-    if given.mount is None:
-        notes.insert(0, f"the camera is {_AT[best]}, by the arm as its table has it")
-    return replace(
-        given, mount=best, notes=(*given.notes, *notes), camera_T_board=given.camera_T_board[chosen.kept],
-        covariance=given.covariance[chosen.kept], names=tuple(np.array(given.names)[chosen.kept].tolist()),
-    )  # fmt: skip
-
-
 def _to_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, scanner: Scanner) -> Dataset:
     """Dataset of what the camera saw, all poses for training, for a fit by which the import judges it."""
     robot = replace(robot, carries_scanner=given.mount == "flange")
@@ -480,16 +397,11 @@ def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
 
 
 def _require_scale(scale: float, sigma: float, given: CameraPoints) -> None:
-    """Raise CalibError where the declared size of board or ball contradicts the lengths of the arm."""
+    """Raise CalibError where the declared size of a board contradicts the lengths of the arm."""
     off = abs(1.0 / scale - 1.0) if scale > 0.0 else float("inf")
     if off < _WRONG_SCALE or abs(scale - 1.0) < _SURE * sigma:
         return
     fitting = f"{scale:.4g} times as large"
-    if given.ball is not None:
-        raise CalibError(
-            f"--board {given.ball}: the images fit the arm with a ball {fitting} (± {sigma:.2g}); measure its "
-            "diameter, or check the robot's units and the lens's"
-        )
     if given.views is None:
         raise CalibError(
             f"the marker's poses fit the arm with lengths {fitting}; check --length-unit, and "

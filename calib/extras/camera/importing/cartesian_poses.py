@@ -95,14 +95,9 @@ def joints_table(
     """
     row = [list(ids).index(name) for name in camera.names]
     readings = list(arm.readings)
-    if camera.mount is not None and not camera.is_ball:
+    if camera.mount is not None:
         inverse = (replace(one, base_T_flange=frames.invert(one.base_T_flange)) for one in arm.readings)
         readings += [replace(one, form=f"{one.form}, of the base in the flange's frame") for one in inverse]
-    if camera.is_ball and len(readings) > 1:
-        raise CalibError(
-            f"{arm.table.path}: the attitudes may be meant in {len(readings)} ways, and a ball does not tell which; "
-            "name the columns rvec_x, rvec_y, rvec_z, or roll, pitch, yaw, or qw, qx, qy, qz, with their unit"
-        )
     mounts = MOUNTS if camera.mount is None else (camera.mount,)
     off_mm = []
     for one in readings:
