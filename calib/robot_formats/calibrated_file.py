@@ -65,8 +65,7 @@ def in_template(template: Path, calibrated: Robot, nominal: Robot | None = None,
     writer = next((form.in_template for form in forms_of(template) if form.in_template), "")
     if not writer:
         raise RobotFileError(f"{template}: is no template; expected {' or '.join(template_suffixes())}")
-    made: CalibratedFile = load(writer)(template, calibrated, nominal, comment)
-    return made
+    return load(writer)(template, calibrated, nominal, comment)
 
 
 def calibrated_urdf(

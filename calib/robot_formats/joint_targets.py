@@ -48,4 +48,4 @@ def written_targets(
     """Text of a file of joint targets. Raises CalibError for an arm that its form cannot hold."""
     if form.check:
         load(form.check)(path, robot)
-    return str(load(form.writer)(path, robot, targets, heading))
+    return load(form.writer)(path, robot, targets, heading)

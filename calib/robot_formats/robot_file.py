@@ -82,8 +82,7 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
     for option in _FORM_OPTIONS:
         if getattr(reading, option) is not None and option not in form.options:
             raise RobotFileError(f"{path}: --{option} says nothing about a {path.suffix.lower()}; leave it out")
-    read: RobotFile = load(form.reader)(path, reading)
-    return read
+    return load(form.reader)(path, reading)
 
 
 def _form_of(path: Path) -> RobotForm:

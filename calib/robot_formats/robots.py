@@ -14,7 +14,7 @@ from calib.robot_formats.calibrated_file import in_template
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.origin_yaml import plain_yaml
 from calib.robot_formats.robot_file import ReadOptions, named_robot
-from calib.robot_formats.robot_form import forms_of, robot_forms, written_suffixes
+from calib.robot_formats.robot_form import forms_of, template_suffixes, written_suffixes
 from calib.robot_formats.urdf.text import plain_urdf
 
 RobotContent = tuple[bytes, tuple[str, ...]]  # of a robot's file, and notes on what it cannot hold
@@ -89,12 +89,9 @@ def require_written(path: Path, template: Path | None = None) -> None:
     suffix = path.suffix.lower()
     if suffix not in written:
         raise CalibError(f"{path}: expected a name that ends in {' or '.join(written)}")
-    made = [form for form in robot_forms() if form.writer and form.in_template]
-    if template is not None and (
-        template.suffix.lower() != suffix or not any(suffix in form.suffixes for form in made)
-    ):
-        possible = " or ".join(form.suffixes[0] for form in made)
-        raise CalibError(f"{template}: is of another form than {path}; only a {possible} is made of one")
+    made = [each for each in template_suffixes() if each in written]
+    if template is not None and (template.suffix.lower() != suffix or suffix not in made):
+        raise CalibError(f"{template}: is of another form than {path}; only a {' or '.join(made)} is made of one")
 
 
 def robot_content(robot: Robot, path: Path, template: Path | None = None) -> RobotContent:
@@ -104,8 +101,7 @@ def robot_content(robot: Robot, path: Path, template: Path | None = None) -> Rob
         made = in_template(template, robot)
         return made.content, tuple(made.summary.split("\n"))
     writer = next(form.writer for form in forms_of(path) if form.writer)
-    content: RobotContent = load(writer)(robot)
-    return content
+    return load(writer)(robot)
 
 
 def toml_content(robot: Robot) -> RobotContent:

@@ -60,7 +60,7 @@ def test_a_plain_urdf_is_the_same_arm(urdf: Path, tmp_path: Path, capsys: pytest
         (["arm.urdf", "arm.urdf"], "is what this command reads"),
         (["none.urdf", "robot.toml"], "none.urdf: No such file"),
         (["arm.urdf", "there.toml", "--tip", "tool0"], "there.toml: exists; name another file, or --force"),
-        (["arm.urdf", "robot.toml", "--template", "arm.urdf"], "only a .urdf or .yaml is made of one"),
+        (["arm.urdf", "robot.toml", "--template", "arm.urdf"], "only a .urdf or .yaml or .yml is made of one"),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_nothing_is_written(
