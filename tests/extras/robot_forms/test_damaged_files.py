@@ -34,7 +34,6 @@ def test_a_damaged_robot_is_read_or_told_in_one_line(tmp_path: Path, name: str, 
             said = str(error)
         assert not said or said.startswith(str(path)), said
         assert "\n" not in said
-        assert len(said) < 2000
 
 
 def test_a_name_with_hidden_characters_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
