@@ -6,19 +6,20 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from functools import wraps
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
 import anyio
-from mcp.server.mcpserver import Context, Image, MCPServer
+from mcp.server.mcpserver import Image, MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 from mcp.server.mcpserver.tools import Tool
-from mcp.types import CallToolResult, ToolAnnotations
-from pydantic import Field, ValidationError
+from mcp.types import ToolAnnotations
+from pydantic import Field
 
 from calib.errors import CalibError
 from inspector.extras.mcp.options import McpOptions
@@ -50,22 +51,23 @@ class Toolbox:
     def __post_init__(self) -> None:
         object.__setattr__(self, "tools", command_tools(allow_code=self.allow_code))
 
-    def all(self) -> list[Tool]:
+    def functions(self) -> list[Tool]:
         """Every command as a typed function, and the one that answers with a picture."""
-        made = [_tool(self._function(tool), tool.description, tool.name in _READS) for tool in self.tools.values()]
-        return [*made, _tool(self.figure, "a figure of the diagnosis as a picture, with its caption", True)]
+        made = [
+            _tool(self._function(tool), tool.description, reads=tool.name in _READS) for tool in self.tools.values()
+        ]
+        return [*made, _tool(self.figure, "a figure of the diagnosis as a picture, with its caption", reads=True)]
 
     def _function(self, tool: CommandTool) -> Callable[..., Awaitable[str]]:
-        async def call(**given: object) -> str:
-            wanted = given.pop(JSON_KEYS, None)
-            words = tool.words(given, self.roots)
-            if not isinstance(wanted, list):
+        async def run(**given: Any) -> str:
+            words, wanted = tool.words(given, self.roots), given.get(JSON_KEYS)
+            if wanted is None:
                 return _text(await self._run(words))
             return _parts(await self._run([words[0], "--json", *words[1:]]), wanted)
 
-        call.__name__ = tool.name
-        call.__signature__ = tool.signature()  # type: ignore[attr-defined]
-        return call
+        run.__name__ = tool.name
+        run.__signature__ = tool.signature()  # type: ignore[attr-defined]
+        return run
 
     async def figure(
         self,
@@ -93,36 +95,14 @@ class Toolbox:
         raise CallError(f"{words[0]}: not done after {self.timeout_s:g} s, and ended (mcp --timeout-s)")
 
 
-class _Server(MCPServer[None]):
-    """Server whose answer to what is wrong with a call, or with the data, is one line."""
-
-    async def call_tool(
-        self, name: str, arguments: dict[str, Any], context: Context[None, Any] | None = None
-    ) -> CallToolResult | Any:
-        takes = {tool.name: tool.input_schema["properties"] for tool in await self.list_tools()}
-        if name not in takes:
-            raise ToolError(f"{name}: no such tool; there are {', '.join(takes)}")
-        unknown = sorted(arguments.keys() - takes[name].keys())
-        if unknown:
-            raise ToolError(f"{name}: takes no {unknown[0]!r}; it takes {', '.join(takes[name])}")
-        given = {key: value for key, value in arguments.items() if value is not None}
-        try:
-            return await super().call_tool(name, given, context)
-        except ToolError as error:
-            cause = error.__cause__
-            if isinstance(cause, ValidationError):
-                raise ToolError(f"{name}: {'; '.join(map(_fault, cause.errors()))}") from None
-            raise ToolError(str(cause)) from None if isinstance(cause, CalibError) else error
-
-
 def server_of(toolbox: Toolbox) -> MCPServer[None]:
     """Server of the tools, with the guide as its instructions and as a resource."""
-    server = _Server(
+    server: MCPServer[None] = MCPServer(
         NAME,
         title="Robot calibration inspector",
         instructions=skill().partition("---\n\n")[2],
         version=version(NAME),
-        tools=toolbox.all(),
+        tools=toolbox.functions(),
         log_level="ERROR",
     )
     server.resource(SKILL, name="skill", title="Find out why a robot arm is off", mime_type="text/markdown")(skill)
@@ -141,24 +121,23 @@ def run_mcp(options: McpOptions) -> int:
     return 0
 
 
-def _tool(function: Callable[..., Any], description: str, reads: bool) -> Tool:
-    """Tool of a function; its schema says that it takes nothing else, in few words, which an agent reads."""
+def _tool(function: Callable[..., Awaitable[Any]], description: str, *, reads: bool) -> Tool:
+    """Tool of a function, which takes no other arguments, and answers with the one line of what is refused."""
+
+    @wraps(function)
+    async def call(**given: object) -> Any:
+        try:
+            return await function(**given)
+        except CalibError as error:
+            raise ToolError(str(error)) from None
+
     hints = ToolAnnotations(read_only_hint=reads, open_world_hint=False)
-    made = Tool.from_function(function, description=description, annotations=hints, structured_output=False)
-    made.parameters["additionalProperties"] = False
-    for told in made.parameters["properties"].values():
-        del told["title"]  # the name again
-        if told.get("default", "") is None:
-            del told["default"]
+    made = Tool.from_function(call, description=description, annotations=hints, structured_output=False)
+    arguments = made.fn_metadata.arg_model
+    arguments.model_config["extra"] = "forbid"
+    arguments.model_rebuild(force=True)
+    made.parameters = arguments.model_json_schema()
     return made
-
-
-def _fault(error: Mapping[str, Any]) -> str:
-    """What is wrong with an argument, by pydantic's error."""
-    key = ".".join(map(str, error["loc"]))
-    if error["type"] == "missing":
-        return f"needs {key!r}"
-    return f"{key}: {error['msg']}, found {error['input']!r}"
 
 
 def _cut(text: str) -> str:

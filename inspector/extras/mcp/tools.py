@@ -9,7 +9,7 @@ from keyword import iskeyword
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, Strict
+from pydantic import Field, Strict
 
 from calib.errors import CalibError
 from inspector.cli.commands import commands, declarations
@@ -30,15 +30,6 @@ class CallError(CalibError):
     """Error: a call that names no tool, or arguments that it does not take."""
 
 
-def _as_text(value: object) -> object:
-    return str(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-def _as_list(value: object) -> object:
-    return value if isinstance(value, list) else [value]
-
-
-Text = Annotated[str, BeforeValidator(_as_text)]  # a pose may be called 3
 Keys = Annotated[
     list[str], Field(description="answer with these keys of the JSON document instead of the text; [] lists the keys")
 ]
@@ -134,13 +125,11 @@ def _help(told: Argument) -> str:
 
 def _type(told: Argument) -> Any:
     """Type of a call's argument."""
-    if told.is_flag:
-        return Annotated[bool, Strict()]
-    plain = value_type(told.type)
-    one: Any = Annotated[plain, Strict()] if plain in (int, float) else Text
+    plain = bool if told.is_flag else value_type(told.type)
+    one: Any = Annotated[plain, Strict()] if plain in (bool, int, float) else str
     if told.choices is not None:
         one = Literal[tuple(told.choices)]
-    return Annotated[list[one], BeforeValidator(_as_list)] if told.repeated else one
+    return list[one] if told.repeated else one
 
 
 def _check_place(told: Argument, text: str, roots: Roots) -> None:
