@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
+from typing import TypeVar
 
 from calib.plugins import load
+from inspector import plugins
 from inspector.cli.options.declaration import arguments_of, spelling
-from inspector.plugins import Command, CommandOptions, PipExtra, contributions
+from inspector.plugins import Command, CommandOptions, PipExtra
+
+Declared = TypeVar("Declared", Command, CommandOptions)
 
 _OPTIONS = "inspector.cli.options"
 
@@ -46,6 +51,11 @@ EXTRA_OF = {
     "fleet": "fleet",
     "mcp": "mcp",
     "--program": "robot_programs",
+    "--type": "fleet",
+    "--hand-eye-out": "camera",
+    "--images": "camera",
+    "--marker-poses": "camera",
+    "--flange-poses": "camera",
 }
 """The extra that brings each command or option which is not core's, for who asks where it is not there."""
 
@@ -53,7 +63,7 @@ EXTRA_OF = {
 def commands() -> dict[str, Command]:
     """All commands that are there by their names, in the order of `inspector --help`."""
     found = list(CORE)
-    for brought in contributions(Command):
+    for brought in _readable(Command)[0]:
         names = [command.name for command in found]
         found.insert(names.index(brought.after) + 1 if brought.after in names else len(found), brought)
     return {command.name: command for command in found}
@@ -61,15 +71,41 @@ def commands() -> dict[str, Command]:
 
 def additions(command: Command) -> tuple[CommandOptions, ...]:
     """Options that plug-ins add to a command."""
-    return tuple(added for added in contributions(CommandOptions) if added.command == command.name)
+    return tuple(added for added in _readable(CommandOptions)[0] if added.command == command.name)
+
+
+def left_out() -> tuple[str, ...]:
+    """A line for each plug-in, command and group of options that could not be imported; all else works without it."""
+    return (*plugins.left_out(), *_readable(Command)[1], *_readable(CommandOptions)[1])
+
+
+@cache
+def _readable(kind: type[Declared]) -> tuple[tuple[Declared, ...], tuple[str, ...]]:
+    """Contributions whose options can be imported, and a line for each of the others."""
+    readable, lines = [], []
+    for brought in plugins.contributions(kind):
+        try:
+            load(brought.options)
+        except Exception as error:
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            lines.append(f"options {brought.options} cannot be imported and are left out: {reason}")
+        else:
+            readable.append(brought)
+    return tuple(readable), tuple(lines)
 
 
 def lacking(words: Sequence[str]) -> str:
     """Why a command line cannot run for the want of one of this project's extras; "" where none is missing."""
     asked = [word for at, word in enumerate(words) if word in EXTRA_OF and (at == 0 or word.startswith("--"))]
-    there = {*commands(), *map(spelling, arguments_of(*(load(each.options) for each in contributions(CommandOptions))))}
+    added = arguments_of(*(load(each.options) for each in _readable(CommandOptions)[0]))
+    there = {*commands(), *map(spelling, added)}
     missing = next((word for word in asked if word not in there), "")
-    return f"{missing} is of the extra {EXTRA_OF[missing]}, which this installation lacks" if missing else ""
+    if not missing:
+        return ""
+    return (
+        f"{missing} is of the extra {EXTRA_OF[missing]}, which is not here; "
+        "a whole installation of robot-calibration-inspector has it"
+    )
 
 
 def declarations(command: Command) -> tuple[type, ...]:
@@ -79,4 +115,6 @@ def declarations(command: Command) -> tuple[type, ...]:
 
 def pip_extra_of(module: str) -> str:
     """Extra of pyproject.toml that brings a package; "" where none does."""
-    return next((extra.name for extra in (*PIP_EXTRAS, *contributions(PipExtra)) if module in extra.modules), "")
+    return next(
+        (extra.name for extra in (*PIP_EXTRAS, *plugins.contributions(PipExtra)) if module in extra.modules), ""
+    )

@@ -16,9 +16,9 @@ from typing import Any, NoReturn
 
 from calib.errors import CalibError, printable
 from calib.plugins import load
-from inspector.cli.commands import additions, commands, declarations, lacking, pip_extra_of
+from inspector.cli.commands import additions, commands, declarations, lacking, left_out, pip_extra_of
 from inspector.cli.options.declaration import add_arguments, help_of
-from inspector.plugins import Command, left_out
+from inspector.plugins import Command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -4,5 +4,5 @@ from inspector.plugins import Command, PipExtra
 
 CONTRIBUTIONS = (
     Command("mcp", "inspector.extras.mcp.options:McpOptions", "inspector.extras.mcp.server:run_mcp"),
-    PipExtra("agent", ("mcp", "anyio")),
+    PipExtra("agent", ("mcp", "anyio", "pydantic")),
 )
