@@ -9,18 +9,16 @@ import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 from calib.progress import OnProgress, OnStep, counted, staged
 
 MIN_SCANS_FOR_PROCESSES = 12  # below this, starting further interpreters takes longer than it saves
 
 
-@contextmanager
-def stages() -> Iterator[OnStep | None]:
+def stages() -> AbstractContextManager[OnStep | None]:
     """Callback that shows the current step in one line of the terminal; None where stderr is no terminal."""
-    with staged(asked=sys.stderr.isatty()) as tell:
-        yield tell
+    return staged(asked=sys.stderr.isatty())
 
 
 def cores() -> int:
@@ -56,8 +54,6 @@ def _ignored_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-@contextmanager
-def progress(what: str, unit: str = "scan") -> Iterator[OnProgress | None]:
+def progress(what: str, unit: str = "scan") -> AbstractContextManager[OnProgress | None]:
     """Callback that moves a progress bar on stderr; None where that is no terminal."""
-    with counted(what, unit, asked=sys.stderr.isatty()) as on_progress:
-        yield on_progress
+    return counted(what, unit, asked=sys.stderr.isatty())

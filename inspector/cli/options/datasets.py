@@ -16,7 +16,7 @@ from inspector.cli.options.shared import A_DATASET, DATASETS, Output, WithFinder
 class ServeOptions:
     """The web app."""
 
-    path: Path = argument(DATASETS, metavar="PATH")
+    path: Path = argument(DATASETS)
     host: str = option("address to bind (default: this machine only)", "127.0.0.1")
     port: int = option("default 8080; 0 takes a free one", 8080, parse=values.port)
     session: Path | None = option("open a saved session again", metavar="FILE.json")
@@ -28,8 +28,8 @@ class ServeOptions:
 class CornersOptions(WithFinder, Output):
     """Find the jig's corner in every scan."""
 
-    path: Path = argument(A_DATASET, metavar="PATH")
-    out: Path | None = option("write the corners as points.csv", metavar="FILE")
+    path: Path = argument(A_DATASET)
+    out: Path | None = option("write the corners as points.csv")
     orientation: bool = flag("with the jig's orientation in --out")
     processes: int | None = option("default: one for each core", metavar="N", parse=values.process_count)
 
@@ -38,7 +38,7 @@ class CornersOptions(WithFinder, Output):
 class RedundancyOptions(WithResidual, WithLeaveOut, Output):
     """Which parameters cannot be told apart (Pearson's r), and the rank of the model."""
 
-    path: Path = argument(A_DATASET, metavar="PATH")
+    path: Path = argument(A_DATASET)
     out: Path | None = option("write Pearson's r of all pairs", metavar="FILE.csv")
 
 
@@ -46,7 +46,7 @@ class RedundancyOptions(WithResidual, WithLeaveOut, Output):
 class VerifyOptions(Output):
     """Whether models, sessions and reports were made of exactly a dataset's files; when, by whom and how."""
 
-    path: Path = argument(A_DATASET, metavar="PATH")
+    path: Path = argument(A_DATASET)
     results: Sequence[Path] = argument("model.json, session.json or report.html", metavar="RESULT", repeated=True)
 
 
@@ -59,7 +59,7 @@ class EffectsOptions(Output):
 class SampleOptions(Output):
     """A sample dataset to try things on."""
 
-    name: str | None = argument("the sample to write; without it they are listed", metavar="NAME", required=False)
+    name: str | None = argument("the sample to write; without it they are listed", required=False)
     out: Path | None = option("where to (default: a folder of its name)", metavar="FOLDER")
 
 
@@ -67,7 +67,7 @@ class SampleOptions(Output):
 class SimulateOptions(Output):
     """Make a dataset with known truth."""
 
-    path: Path = argument("folder to make", metavar="PATH")
+    path: Path = argument("folder to make")
     robot: str = option(f"{', '.join(BUILTIN_ROBOTS)}, or a robot.toml", required=True)
     poses: int = option("default 64", 64)
     effect: Sequence[str] = several("may be given several times", metavar="NAME")

@@ -74,7 +74,7 @@ def flag(help: str, *, group: str = "") -> Any:
     return field(default=False, metadata={_TOLD: Argument(help=help, group=group, is_flag=True)})
 
 
-def several(help: str, *, metavar: str, parse: Parse | None = None, spelled: Sequence[str] = ()) -> Any:
+def several(help: str, *, metavar: str | None = None, parse: Parse | None = None, spelled: Sequence[str] = ()) -> Any:
     """Field of an option that may be given several times: a sequence."""
     told = Argument(help=help, metavar=metavar, parse=parse, spelled=spelled, repeated=True)
     return field(default=(), metadata={_TOLD: told})
@@ -126,13 +126,19 @@ def value_type(type_: Any) -> Any:
     return origin or type_ if origin in (None, tuple) else value_type(get_args(type_)[0])
 
 
+def metavar_of(told: Argument) -> str | None:
+    """Word for the value: FILE for a path, its name for what is told by its place; None is argparse's own."""
+    usual = told.name.upper() if told.by_place else "FILE" if value_type(told.type) is Path else None
+    return told.metavar or (None if told.choices else usual)
+
+
 def _keywords(told: Argument) -> dict[str, Any]:
     """What `add_argument` is told; argparse refuses what an argument has no use for."""
     if told.is_flag:
         return {"help": told.help, "dest": told.name, "action": "store_true"}
     type_ = value_type(told.type)
     read = told.parse or (type_ if type_ in (Path, int, float) else None)
-    asked = {"help": told.help, "metavar": told.metavar, "choices": told.choices, "type": read}
+    asked = {"help": told.help, "metavar": metavar_of(told), "choices": told.choices, "type": read}
     if told.by_place:
         return asked | {"nargs": "+" if told.repeated else None if told.required else "?"}
     asked["dest"] = told.name

@@ -15,24 +15,23 @@ from inspector.cli.options.shared import (
     FittingOptions,
     Output,
     WithAdding,
-    WithLearnedOut,
     WithModelOut,
     WithResidual,
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrateOptions(WithModelOut, WithLearnedOut, FittingOptions, WithAdding):
+class CalibrateOptions(WithModelOut, FittingOptions, WithAdding):
     """Fit the five-parameter model."""
 
-    out: Path | None = option("write robot.toml, its table the best without effects", metavar="FILE")
-    urdf_out: Path | None = option("write the template with calibrated origins, as --out", metavar="FILE")
+    out: Path | None = option("write robot.toml, its table the best without effects")
+    urdf_out: Path | None = option("write the template with calibrated origins, as --out")
     kinematics_out: Path | None = option(
         "the same for joint origins as makers' YAML, or for a UR controller's calibration.conf (.conf)",
         metavar="FILE.yaml",
     )
     template: Sequence[Path] = several(
-        "your own .urdf or .yaml of this arm; default: the file that `import` took the robot from", metavar="FILE"
+        "your own .urdf or .yaml of this arm; default: the file that `import` took the robot from"
     )
     force: bool = flag("write although the fit is no improvement")
     residuals: Path | None = option("write what is left over, a row a pose with all inputs", metavar="FILE.csv")
@@ -58,11 +57,10 @@ class ValidateOptions(FittingOptions):
 class CorrectOptions(FittingOptions, WithAdding):
     """Joint targets that bring the real arm where the nominal one should be."""
 
-    joints: Path | None = option("targets, columns as poses.csv", metavar="FILE", group="targets", required=True)
+    joints: Path | None = option("targets, columns as poses.csv", group="targets", required=True)
     out: Path = option(
         "write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID); "
         "of a program the corrected one, with its suffix",
-        metavar="FILE",
         required=True,
     )
     what: str | None = option(
@@ -74,7 +72,7 @@ class CorrectOptions(FittingOptions, WithAdding):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiagnoseOptions(WithLearnedOut, WithModelOut, FittingOptions):
+class DiagnoseOptions(WithModelOut, FittingOptions):
     """Which physical effect is missing, step by step."""
 
     max_steps: int = option("effects to add at the most (default 3)", 3, metavar="N")
@@ -85,8 +83,8 @@ class DiagnoseOptions(WithLearnedOut, WithModelOut, FittingOptions):
 class CompareOptions(WithResidual, WithAdding, Output):
     """What differs between two calibrations: before and after a repair, or two arms of a type."""
 
-    path: Path = argument(A_DATASET, metavar="PATH")
-    other: Path = argument("dataset folder to compare it with", metavar="OTHER")
+    path: Path = argument(A_DATASET)
+    other: Path = argument("dataset folder to compare it with")
 
     def fit_options(self) -> FitOptions:
         """Fit options of both calibrations, given by --residual."""
@@ -97,7 +95,7 @@ class CompareOptions(WithResidual, WithAdding, Output):
 class RepeatOptions(Output):
     """Which causes come back in several recordings of one arm, and whether their sizes agree."""
 
-    path: Path = argument("dataset folder of the first recording", metavar="PATH")
+    path: Path = argument("dataset folder of the first recording")
     others: Sequence[Path] = argument("further recordings of the same arm", metavar="OTHER", repeated=True)
 
 
@@ -105,7 +103,7 @@ class RepeatOptions(Output):
 class ReportOptions(FittingOptions):
     """One self-contained HTML page to send to someone."""
 
-    out: Path = option("write the page; FILE.pdf: its print", metavar="FILE", required=True)
+    out: Path = option("write the page; FILE.pdf: its print", required=True)
     pdf: Path | None = option("print it, too (by an installed Chromium or Chrome)", metavar="FILE.pdf")
     force: bool = flag("replace a file that is no report")
 
@@ -123,5 +121,5 @@ class FiguresOptions(FittingOptions):
 class CheckOptions(FittingOptions):
     """The whole chain: pass or fail, and why."""
 
-    path: Path = argument(DATASETS, metavar="PATH")
+    path: Path = argument(DATASETS)
     max_test_rmse_mm: float | None = option("what the test poses' error may be", metavar="X", parse=values.rmse_mm)

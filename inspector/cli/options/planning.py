@@ -17,7 +17,7 @@ from inspector.cli.options.shared import FittingOptions, RobotFileOptions
 class PlanOptions(FittingOptions, RobotFileOptions):
     """Which poses to measure, and the error that they will leave."""
 
-    path: Path = argument("dataset folder, or a robot: a file of any form, rb5 or panda", metavar="PATH")
+    path: Path = argument("dataset folder, or a robot: a file of any form, rb5 or panda")
     poses: int | None = option("a first set of K poses (default 20 for a robot)", metavar="K", parse=values.pose_count)
     add: int | None = option(
         "K more poses for a dataset (default 5, or as many as the purpose takes)",
@@ -67,5 +67,4 @@ class PlanOptions(FittingOptions, RobotFileOptions):
     seed: int = option("of the poses to choose from (default 0)", 0)
     out: Path | None = option(
         "write the poses: .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID), .yaml (ROS trajectory)",
-        metavar="FILE",
     )

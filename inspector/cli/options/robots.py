@@ -17,7 +17,7 @@ class ConvertOptions(RobotFileOptions):
     """A robot from one form into another: URDF, robot.toml, YAML, tables."""
 
     source: Path = argument("a robot: .urdf .xacro .toml .yaml .conf .csv .xml", metavar="IN")
-    out: Path = argument("the form follows the suffix: .toml .urdf .xml (MuJoCo) .yaml", metavar="OUT")
+    out: Path = argument("the form follows the suffix: .toml .urdf .xml (MuJoCo) .yaml")
     template: Path | None = option("your own URDF of this arm: only origins are changed", metavar="ROBOT.urdf")
     force: bool = flag("replace a file that is there")
 
@@ -26,15 +26,13 @@ class ConvertOptions(RobotFileOptions):
 class ImportOptions(RobotFileOptions):
     """A dataset folder from a robot, joint values and measured points, or from a zip of them."""
 
-    path: Path = argument("folder to make", metavar="PATH")
+    path: Path = argument("folder to make")
     source: Path | None = option(
         "what holds robot, tables and scans; each file is recognised", metavar="ZIP|FOLDER", spelled=["--from"]
     )
     robot: str | None = option(f"a robot's file, or {' or '.join(BUILTIN_ROBOTS)}", metavar="FILE|NAME")
-    joints: Path | None = option(
-        "joint values, a row a pose, or a recording (.bag, .mcap, log.csv ...)", metavar="FILE"
-    )
-    points: Path | None = option("measured points (default: in --joints); FILE#TOPIC of a bag", metavar="FILE")
+    joints: Path | None = option("joint values, a row a pose, or a recording (.bag, .mcap, log.csv ...)")
+    points: Path | None = option("measured points (default: in --joints); FILE#TOPIC of a bag")
     scans: Path | None = option("point clouds, a file a pose", metavar="FOLDER")
     map: Sequence[str] = several(
         "what a column means: q1_deg, -q2_rad, q3_deg+90, x_mm, pose, role, ignore ...; several times",

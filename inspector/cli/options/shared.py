@@ -74,18 +74,12 @@ class WithFinder:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WithLearnedOut:
-    """Option of a file for learned curves."""
+class WithModelOut:
+    """Options of files for the model and for learned curves."""
 
     learned_out: Path | None = option(
         "write the curves of smooth_joint_error as an effects file of your own", metavar="FILE.py"
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class WithModelOut:
-    """Option of a file for the model."""
-
     model_out: Path | None = option("write the full model, which correct and validate take", metavar="FILE.json")
 
 
@@ -109,7 +103,7 @@ class WithHeld:
 class FittingOptions(WithResidual, WithEffects, WithHeld, WithLeaveOut, WithFinder, Output):
     """Options of commands that fit a model to a dataset."""
 
-    path: Path = argument(A_DATASET, metavar="PATH")
+    path: Path = argument(A_DATASET)
 
     def fit_options(self) -> FitOptions:
         """Fit options given by --residual, --hold, --no-prior, --tolerance and --robust."""

@@ -15,7 +15,6 @@ class HandEyeOptions:
     hand_eye_out: Path | None = option(
         "write where the camera is, for ROS: .yaml .launch.py .launch .json .txt (the tf command); with "
         "--residual pose",
-        metavar="FILE",
     )
     parent_frame: str | None = option(
         "your robot's name of the frame that carries the camera, such as tool0; of the base: base_link by default",
@@ -47,17 +46,15 @@ class CameraOptions:
     )
     dictionary: str | None = option("of the markers, such as DICT_4X4_50 (default: by the images)", metavar="NAME")
     intrinsics: Path | None = option(
-        "the lens: ROS camera_info.yaml, OpenCV's YAML, XML or JSON (default: found from the images)", metavar="FILE"
+        "the lens: ROS camera_info.yaml, OpenCV's YAML, XML or JSON (default: found from the images)"
     )
     marker_poses: Path | None = option(
         "poses of a marker in the camera's frame that another program measured: CSV, YAML of ROS or easy_handeye, "
         "OpenCV's files",
-        metavar="FILE",
     )
     flange_poses: Path | None = option(
         "poses of the flange as the controller tells them, in place of --robot and --joints: the camera's place "
         "is found, and nothing of the links",
-        metavar="FILE",
     )
     length_unit: str | None = option("of those poses, where the file does not tell", choices=("mm", "cm", "m"))
     mount: str | None = option("where the camera is (default: what the poses clearly show)", choices=("flange", "room"))

@@ -16,7 +16,7 @@ from inspector.cli.options.shared import Output, WithResidual
 class PoolOptions(WithResidual, Output):
     """What arms of a type share, from which a new one begins with few poses."""
 
-    path: Path = argument("dataset folder of the first arm", metavar="PATH")
+    path: Path = argument("dataset folder of the first arm")
     others: Sequence[Path] = argument("datasets of further arms of the same type", metavar="OTHER", repeated=True)
     out: Path | None = option("write what they share, for calibrate --type", metavar="FILE.json")
     poses: int = option(
@@ -32,7 +32,7 @@ class PoolOptions(WithResidual, Output):
 class FleetOptions(Output):
     """Hundreds of datasets: a table and a page of which arms drifted and which causes they share."""
 
-    path: Path = argument("folder with datasets, however deep", metavar="PATH")
+    path: Path = argument("folder with datasets, however deep")
     out: Path = option(
         "write the table, .csv or .parquet; page and results lie beside it (default fleet.csv)",
         Path("fleet.csv"),

@@ -15,7 +15,7 @@ from inspector.cli.options.shared import Output
 class FollowOptions(Output):
     """A campaign while it is measured: each pose judged as it arrives, the error predicted, the next pose named."""
 
-    path: Path = argument("dataset folder that is being filled: points.csv grows, or scans arrive", metavar="PATH")
+    path: Path = argument("dataset folder that is being filled: points.csv grows, or scans arrive")
     tolerance_mm: float | None = option(
         "enough is where the predicted error is within this", metavar="X", parse=values.rmse_mm
     )

@@ -14,7 +14,7 @@ from pydantic import Field, Strict
 from calib.errors import CalibError
 from inspector.cli.commands import commands, declarations
 from inspector.cli.options import values
-from inspector.cli.options.declaration import Argument, arguments_of, help_of, spelling, value_type
+from inspector.cli.options.declaration import Argument, arguments_of, help_of, metavar_of, spelling, value_type
 from inspector.extras.mcp.roots import Roots
 from inspector.plugins import Command
 
@@ -119,7 +119,8 @@ def key_of(told: Argument) -> str:
 
 
 def _help(told: Argument) -> str:
-    shown = f" ({told.metavar})" if told.metavar and not told.by_place else ""
+    metavar = metavar_of(told)
+    shown = f" ({metavar})" if metavar and not told.by_place else ""
     return f"{told.help.replace('%%', '%')}{shown}"
 
 

@@ -47,10 +47,9 @@ class PlanProgramOptions:
     program: Path | None = option(
         "write the program that moves to each pose, settles, triggers, waits and records the joints: .script "
         "(URScript), .src (KRL, and its .dat), .mod (RAPID)",
-        metavar="FILE",
     )
-    template: Path | None = option("of --program: your own template (Jinja2), for any language", metavar="FILE")
-    template_out: Path | None = option("write the template of --program's language, to be edited", metavar="FILE")
+    template: Path | None = option("of --program: your own template (Jinja2), for any language")
+    template_out: Path | None = option("write the template of --program's language, to be edited")
     speed: float | None = option(
         "of --program: URScript deg/s of the leading joint (default 15), KRL %% of each axis's top speed (10), "
         "RAPID mm/s of the tool (100)",
@@ -81,14 +80,12 @@ class CorrectProgramOptions:
 
     program: Path | None = option(
         "a robot program to correct: .script (URScript), .src or .dat (KRL), .mod, .sys or .prg (RAPID)",
-        metavar="FILE",
         group="targets",
         required=True,
     )
     others: Sequence[Path] = several(
         "of --program: another file of the controller, which defines tools and bases or moves to the targets "
         "($config.dat, a module); give it several times for several",
-        metavar="FILE",
         spelled=["--with"],
     )
     tool_frame: Sequence[str] = several(

@@ -15,10 +15,9 @@ from inspector.cli.options.shared import Output, WithAdding
 class WatchOptions(WithAdding, Output):
     """What changed in a cell since a calibration, by a few check poses."""
 
-    path: Path = argument("dataset folder of the earlier calibration", metavar="PATH")
+    path: Path = argument("dataset folder of the earlier calibration")
     new: Sequence[Path] = argument(
         "folder of check poses, three poses or more; three folders or more show drifts, too",
-        metavar="NEW",
         repeated=True,
     )
     scanner_moved: bool = flag("the scanner was put up anew, which is no change to be told")
@@ -27,6 +26,4 @@ class WatchOptions(WithAdding, Output):
         metavar="MM",
         parse=values.rmse_mm,
     )
-    out: Sequence[Path] = several(
-        "write the control chart: .svg, with tables .html, the series .csv; several times", metavar="FILE"
-    )
+    out: Sequence[Path] = several("write the control chart: .svg, with tables .html, the series .csv; several times")

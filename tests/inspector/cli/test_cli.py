@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import json
 import math
 import os
@@ -22,9 +20,8 @@ from calib.dataset.files.robot_toml import load_robot_toml
 from calib.measurement.measured_points import failed_searches
 from calib.models.model_file import load_model
 from calib.plugins import load
-from inspector.cli.commands import commands, declarations, lacking
-from inspector.cli.parser import main, parser_of
-from inspector.plugins import Command
+from inspector.cli.commands import commands
+from inspector.cli.parser import main
 from inspector.session.measuring import open_session, with_search
 from tests.support.arms import dataset_of, jang_arm, perturbed
 from tests.support.tiny_dataset import write_tiny
@@ -722,14 +719,6 @@ def test_every_subcommand_has_the_function_that_it_names() -> None:
         assert callable(load(command.run))
 
 
-@pytest.mark.parametrize("command", commands().values(), ids=lambda command: command.name)
-def test_the_options_of_a_command_are_its_arguments(command: Command) -> None:
-    (subparsers,) = (a for a in parser_of([command])._actions if isinstance(a, argparse._SubParsersAction))
-    given = {action.dest for action in subparsers.choices[command.name]._actions} - {"help"}
-    fields = {field.name for declared in declarations(command) for field in dataclasses.fields(declared)}
-    assert fields == given | ({"stdout", "added"} if "json" in given else set())
-
-
 @pytest.mark.slow
 def test_the_terminal_tells_angles_in_degrees_and_the_headline(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path
@@ -755,20 +744,3 @@ def test_the_terminal_tells_angles_in_degrees_and_the_headline(
         re.MULTILINE,
     )
     assert "(RMS) at test poses" in out
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["watch", "a", "b"], "watch is of the extra watch"),
-        (["correct", "a", "--program", "b.src"], "--program is of the extra robot_programs"),
-        (["plan", "a", "--for", "watch"], ""),
-    ],
-)
-def test_what_an_extra_brings_is_told_with_its_name_where_it_is_not_there(
-    words: list[str], says: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("inspector.cli.commands.contributions", lambda kind: ())
-    told = lacking(words)
-    assert told.startswith(says)
-    assert bool(told) == bool(says)

@@ -132,3 +132,4 @@ def test_what_is_of_an_extra_that_is_not_there_is_answered_by_its_name(
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith(f"inspector: {name} is of the extra {extra}, which is not here")
     assert not {*of_commands.EXTRA_OF} & {*of_commands.commands()}
+    assert of_commands.lacking(["plan", "a", "--for", "watch"]) == ""  # a value, no command
