@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.input_names import joint_input
-from calib.rendering.blocks import Reference, Span, joint, pose
+from calib.rendering.blocks import Span, joint, pose
 
 _UNITS = r"\s?(?:[µm]?m|m?deg|mrad|rad|[°%])(?!\w)"  # behind a number that is no further joint
 _MORE = r"(?:(?:,\s+|\s+and\s+|,\s+and\s+){0}(?![\w.-]*\w|" + _UNITS + "))*"  # "1" -> "1, 2 and 3"
 _JOINTS = r"joints?\s+\d+(?!\w)" + _MORE.replace("{0}", r"\d+")
 _POSES = r"poses?\s+[^\s,;:()]+" + _MORE.replace("{0}", r"[^\s,;:()]+")
-_WORD = r"[^\s,;:()]+"
+_NAMED = rf"\b{_JOINTS}|\b{_POSES}|[^\s,;:()]+"
 _STOPS = ".!?"
 
 
@@ -41,33 +40,17 @@ class Names:
         return Names(frozenset(dataset.poses.ids), dataset.robot.n_joints, frozenset(sure))
 
     def __call__(self, words: str) -> tuple[Span, ...]:
-        """Text in which the names of poses and joints are replaced by references."""
-        return recognised(words, self)
+        """A text with the names of poses and joints replaced by references.
 
-
-def references_to(poses: Collection[str], inputs: Collection[str] = ()) -> dict[str, Reference]:
-    """References to poses and joints by the name that a sentence may contain: pose ids, and inputs such as "q4"."""
-    joints = {name: of_joint[1] + 1 for name in inputs if (of_joint := joint_input(name)) is not None}
-    return {**{name: joint(number, name) for name, number in joints.items()}, **{p: pose(p) for p in poses}}
-
-
-def recognised(words: str, names: Names, known: Mapping[str, Reference] | None = None) -> tuple[Span, ...]:
-    """A text with the names of poses and joints replaced by references.
-
-    `known` is taken wherever it stands as a word of its own. Beyond that "joint 4", "joints 1 and 2", "pose 7", and ids
-    that can be nothing else are: numbers and common words alone are not.
-    """
-    known = known or {}
-    exact = [re.escape(name) for name in sorted(known, key=len, reverse=True)]
-    pattern = "|".join(
-        [*(rf"(?<![\w.-]){name}(?![\w-]|\.\w)" for name in exact), rf"\b{_JOINTS}", rf"\b{_POSES}", _WORD]
-    )
-    spans: list[Span] = []
-    end = 0
-    for match in re.finditer(pattern, words):
-        spans += [words[end : match.start()], *_spans(match.group(), names, known)]
-        end = match.end()
-    return tuple(_joined([*spans, words[end:]]))
+        "joint 4", "joints 1 and 2", "pose 7", and ids that can be nothing else are: numbers and common words alone are
+        not.
+        """
+        spans: list[Span] = []
+        end = 0
+        for match in re.finditer(_NAMED, words):
+            spans += [words[end : match.start()], *_spans(match.group(), self)]
+            end = match.end()
+        return tuple(_joined([*spans, words[end:]]))
 
 
 def _joined(spans: list[Span]) -> list[Span]:
@@ -81,9 +64,7 @@ def _joined(spans: list[Span]) -> list[Span]:
     return out
 
 
-def _spans(words: str, names: Names, known: Mapping[str, Reference]) -> list[Span]:
-    if words in known:
-        return [known[words]]
+def _spans(words: str, names: Names) -> list[Span]:
     if re.fullmatch(_JOINTS, words):
         return [_joint(part, names) for part in re.split(r"(\d+)", words)]
     if re.match(r"poses?\s", words):

@@ -82,7 +82,6 @@ def moved_by_change(moved_mm: Array, explained_mm: Array, ids: Sequence[str], he
         traces,
         xaxis={"title": "moved by the proven causes, mm", "automargin": True},
         yaxis={"title": "moved by the change, measured, mm", "automargin": True},
-        margin=(56, 12, 30, 42),
     )
 
 

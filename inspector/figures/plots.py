@@ -123,7 +123,6 @@ def convergence(
         traces,
         xaxis={"title": "iteration (0 = nominal)", "rangemode": "tozero", "dtick": max(1, longest // 8)},
         yaxis={"type": "log", "title": f"{what} RMSE, mm", "automargin": True, **_log_ticks(shown)},
-        margin=(56, 12, 30, 42),
     )
 
 

@@ -61,8 +61,7 @@ def residual_against(
         traces.append(
             {
                 "type": "scatter", "mode": "markers", "name": ROLES[role], "x": at[rows].tolist(),
-                "y": values[rows].tolist(), "customdata": [escape(ids[i]) for i in rows],
-                "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE,
+                "y": values[rows].tolist(), **_of_poses(ids, rows),
                 "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS[role]},
                 "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
                 f"{escape(y_title)} %{{y:.4g}}<extra></extra>",
@@ -85,10 +84,15 @@ def residual_against(
         yaxis={
             "title": escape(y_title), "automargin": True, "zeroline": True, **extent,
         },
-        margin=(56, 12, 30, 42),
         layout={"shapes": shapes, "annotations": words},
     )  # fmt: skip
     return select(fig, selected)
+
+
+def _of_poses(ids: Sequence[str], rows: IndexArray) -> dict[str, Any]:
+    """Trace keys with which hovering names a point's pose and a click selects it."""
+    names = [escape(ids[i]) for i in rows]
+    return {"customdata": names, "ids": names, "meta": SELECTS_POSE}
 
 
 def _line(x: Array, y: Array) -> dict[str, Any]:
@@ -141,8 +145,7 @@ def place_views(
                 {
                     "type": "scatter", "mode": "markers", "name": ROLES[role], "legendgroup": role,
                     "showlegend": first, "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
-                    "customdata": [escape(ids[i]) for i in rows],
-                    "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE,
+                    **_of_poses(ids, rows),
                     "text": [f"{v:.4g}" for v in shown[rows]],
                     "marker": {
                         **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
@@ -227,7 +230,6 @@ def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, ids: Se
         traces,
         xaxis={"title": f"what {shortened(name, 30)} would make, σ of the noise", "automargin": True},
         yaxis={"title": "residual, σ of the noise", "automargin": True},
-        margin=(56, 12, 30, 42),
     )
 
 

@@ -91,7 +91,7 @@ def figure(
     *,
     xaxis: dict[str, Any],
     yaxis: dict[str, Any],
-    margin: tuple[int, int, int, int],
+    margin: tuple[int, int, int, int] = (56, 12, 30, 42),
     layout: Mapping[str, Any] | None = None,
 ) -> go.Figure:
     """Figure of traces in the common style; `margin`: left, right, top, bottom, px; `layout`: further keys.

@@ -211,13 +211,14 @@ def cause(found: Cause, calibration: Calibration) -> Words:
             named = spans(f"{rest} {preposition} ", joint(found.joints[0], f"joint {found.joints[0]}"))
         else:
             named = rest
-    main, size = found.main, ""  # at its leading joint: an amplitude, or the meaning of its surest value on the arm
-    if main is not None and found.leading is not None:
-        means = main.parameter and meaning(found.leading, main.parameter, main.value, calibration)
-        size = means or numbers.size(main.value, main.unit)
-    facts = [size] if size else []
-    where = [spans("up to ", _at_pose(found.largest))] if found.largest is not None else []
-    return joined([spans(named, key), *([joined([*facts, *where], ", ")] if facts or where else [])], ": ")
+    facts: list[Words] = []
+    if (value := found.main) is not None and found.leading is not None:
+        # At its leading joint: an amplitude, or the meaning of its surest value on the arm.
+        means = value.parameter and meaning(found.leading, value.parameter, value.value, calibration)
+        facts.append(means or numbers.size(value.value, value.unit))
+    if found.largest is not None:
+        facts.append(spans("up to ", _at_pose(found.largest)))
+    return spans(named, key, ": " if facts else "", joined(facts, ", "))
 
 
 def _nothing_else(diagnosis: Diagnosis) -> str:

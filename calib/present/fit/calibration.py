@@ -161,7 +161,7 @@ def _place_fact(place: Mount | CameraPlace, where: str) -> tuple[str, object]:
 @document.register(Mount)
 @document.register(CameraPlace)
 def _place_document(place: Mount | CameraPlace) -> dict[str, Any]:
-    of_place = ("setup", "flange_T_scanner")
+    of_place: tuple[str, ...] = ("setup", "flange_T_scanner")
     if isinstance(place, CameraPlace):
         of_place = ("setup", "parent", "parent_T_camera", "board_parent", "board_parent_T_board", "covariance")
     with_table = _sigma_document(place.covariance_with_table)

@@ -400,4 +400,5 @@ def _corner_document(pose_id: str, search: CornerSearch, corner: Corner) -> dict
 
 def _count(search: CornerSearch) -> dict[str, int | None]:
     count = search.count
-    return {"points": count and count.points, "dropped_points": count and count.dropped}
+    points, dropped = (None, None) if count is None else (count.points, count.dropped)
+    return {"points": points, "dropped_points": dropped}

@@ -34,8 +34,8 @@ def correction_blocks(correction: Correction, ids: Sequence[str] = ()) -> list[B
     return [
         Facts([reached, *facts.pairs]),
         *remarks,
-        *([Table(("not reached", "why"), rows, left=(0, 1))] if rows else []),
-        *([Paragraph(f"and {more} more")] if more > 0 else []),
+        Table(("not reached", "why"), rows, left=(0, 1)),
+        Paragraph(f"and {more} more" if more > 0 else ""),
     ]
 
 

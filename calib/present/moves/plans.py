@@ -86,14 +86,13 @@ def reason_told(reason: PoseReason) -> ReasonTold:
 
 @presentation.register
 def _plan(plan: Plan) -> Presentation:
-    assumed = assumptions(plan)
     return Presentation(
         f"Plan for {plan.start.dataset.name}",
         plan_head(plan),
         [
             Section("The poses, in the order of measuring", pose_blocks(plan), brief=True),
             *([Section("More poses", [_error_by_count(plan)], brief=True)] if told(plan.outcome).of_error else []),
-            *([Section("What was assumed", [Bullets(assumed)], brief=True)] if assumed else []),
+            Section("What was assumed", [Bullets(assumptions(plan))], brief=True),
         ],
     )
 
@@ -101,10 +100,9 @@ def _plan(plan: Plan) -> Presentation:
 def plan_head(plan: Plan) -> list[Block]:
     """Blocks with the purpose of the poses and their predicted gain."""
     unsure = plan.power is not None and plan.power < SURELY
-    head: list[Block] = [Verdict(plan_headline(plan), DOUBT if unsure else GOOD)]
     achieved = told(plan.outcome)
-    head += achieved.blocks
-    head += [Bullets(achieved.sentences)] if achieved.sentences else []
+    verdict = Verdict(plan_headline(plan), DOUBT if unsure else GOOD)
+    head: list[Block] = [verdict, *achieved.blocks, Bullets(achieved.sentences)]
     if not achieved.of_error:
         return head
     caption = "The predicted error by the number of new poses."
@@ -190,8 +188,8 @@ def _coefficients(outcome: EffectOutcome) -> list[str]:
         for c in outcome.coefficients
         if c in most
     ]
-    rest = len(outcome.coefficients) - len(most)
     of = len(outcome.coefficients)
+    rest = of - len(most)
     return [*lines, *([f"{numbers.count(rest, 'further coefficient')} of {of} gain less or nothing"] if rest else [])]
 
 
@@ -221,7 +219,7 @@ def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
 
 def pose_blocks(plan: Plan) -> list[Block]:
     """Blocks with each pose as commanded, in the order of measuring, and the meaning of the ranks."""
-    return [poses_table(plan), *([Paragraph(_RANKS, soft=True)] if len(plan.poses) > 1 else [])]
+    return [poses_table(plan), Paragraph(_RANKS if len(plan.poses) > 1 else "", soft=True)]
 
 
 def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -> Table:

@@ -67,7 +67,7 @@ def residuals_over(
 
     Raises CalibError on a name or a joint that there is not; it lists those that there are.
     """
-    calibration = of.calibration if isinstance(of, Diagnosis) else of
+    calibration = of.calibration
     errors, robot = pose_errors_of(calibration), calibration.dataset.robot
     if over not in errors.inputs:
         raise CalibError(f"no input named {over!r}; there are {', '.join(errors.inputs)}")
@@ -86,7 +86,7 @@ def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark:
 
     `of` and `show` as of `residuals_over`.
     """
-    calibration = of.calibration if isinstance(of, Diagnosis) else of
+    calibration = of.calibration
     errors = pose_errors_of(calibration)
     values, title, _ = _shown(errors, show, calibration.dataset.robot)
     drawn = residual_plots.place_views(
@@ -238,7 +238,7 @@ def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Fig
     mrad over degrees, or the units of the input; grey where nothing was measured. Raises CalibError where the model has
     none.
     """
-    calibration = of.calibration if isinstance(of, Diagnosis) else of
+    calibration = of.calibration
     curves = fitted_curves(calibration)
     if not curves:
         inside = " + ".join(["link errors", *calibration.model.family_names])

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from calib.present.references import Names, recognised
-from calib.rendering.blocks import Reference
+from calib.present.references import Names
 from calib.rendering.html import words_html
 from inspector.markup.parts.elements import Html
 
 
-def linked(sentence: object, names: Names, known: Mapping[str, Reference] | None = None) -> Html:
+def linked(sentence: object, names: Names) -> Html:
     """HTML of a sentence in which the names of poses and joints can be clicked."""
-    return Html(words_html(recognised(str(sentence), names, known), links=True))
+    return Html(words_html(names(str(sentence)), links=True))

@@ -11,7 +11,7 @@ import pytest
 from calib import calibrate
 from calib.effects.catalogue import effects_for
 from calib.present.names import joints_by_parameter
-from calib.present.references import Names, references_to
+from calib.present.references import Names
 from inspector.markup.model.fit import parameters_html
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import linked
@@ -55,12 +55,6 @@ def test_what_stands_in_the_text_is_escaped() -> None:
     html = linked('pose <b> is "bad" & <i>', NAMES)
     assert words(html) == "pose &lt;b&gt; is &quot;bad&quot; &amp; &lt;i&gt;"
     assert asked(html) == [("pose", "&lt;b&gt;")]
-
-
-def test_names_that_a_sentence_holds_are_linked_whatever_they_look_like() -> None:
-    html = linked("Without 1 and a b nothing is left, but 12 is", NAMES, references_to(["1", "a b"]))
-    assert asked(html) == [("pose", "1"), ("pose", "a b")]
-    assert asked(linked("order against q4 and x", NAMES, references_to((), ["q4", "x"]))) == [("joint", "4")]
 
 
 def test_a_pose_that_is_called_like_a_parameter_is_linked_only_as_a_pose() -> None:
