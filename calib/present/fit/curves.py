@@ -9,7 +9,7 @@ from typing import Any
 from calib.calibration.result import Calibration
 from calib.effects.effect import describe
 from calib.kinematics.robot import Robot
-from calib.present.fit.laws import law_sentences, wave_part
+from calib.present.fit.laws import law_sentences, sweep_document, sweep_words, wave_part
 from calib.present.fit.residuals import input_title
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, Paragraph, Table, joint
@@ -82,7 +82,7 @@ def curve_blocks(calibration: Calibration) -> list[Block]:
         Paragraph(_KNOWN_NOTE, soft=True),
         *map(Paragraph, formulas(calibration)),
         Bullets(shapes),
-        Paragraph(sweep_sentence(of_curves) if any(one.sweep for one in of_curves) else ""),
+        Paragraph(sweep_sentence(of_curves)),
     ]
 
 
@@ -124,14 +124,9 @@ def part_words(one: CurveReading) -> str:
 
 
 def sweep_sentence(readings: Sequence[CurveReading]) -> str:
-    """Sentence on the motions of single joints that show each curve by itself."""
-    moves = [
-        f"joint {one.sweep.joint} from {numbers.signed(one.sweep.start_deg, '.0f')}° to "
-        f"{numbers.signed(one.sweep.end_deg, '.0f')}° in steps of {one.sweep.step_deg:g}° ({one.sweep.poses} poses)"
-        for one in readings
-        if one.sweep is not None
-    ]
-    return f"To see each by itself, move one joint alone, all others at rest: {'; '.join(moves)}."
+    """Sentence on the motions of single joints that show each curve by itself; "" where there are none."""
+    moves = "; ".join(sweep_words(one.sweep) for one in readings if one.sweep is not None)
+    return f"To see each by itself, move one joint alone, all others at rest: {moves}." if moves else ""
 
 
 def coupling_sentences(readings: Sequence[CouplingReading]) -> list[str]:
@@ -150,7 +145,7 @@ def readings_document(readings: Sequence[CurveReading]) -> list[dict[str, Any]]:
         {
             **asdict(one),
             "words": f"{reading_phrase(one)}{part_words(one)}",
-            "sweep": None if one.sweep is None else {**asdict(one.sweep), "poses": one.sweep.poses},
+            "sweep": sweep_document(one.sweep),
         }
         for one in readings
     ]

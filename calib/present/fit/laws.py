@@ -29,6 +29,7 @@ from calib.screening.curves.laws import (
     WEAR,
     LawForm,
 )
+from calib.screening.curves.readings import Sweep
 
 _FEW_WAVES = 20  # a turn, from rollers of a bearing to teeth of a gear
 _PARTS = {
@@ -99,11 +100,7 @@ def refutation_sentence(one: LawReading) -> str:
     forecast = f"{abs(scale * test.forecast):.2g} {unit} ({numbers.length(test.forecast_mm)} at the tool)"
     where = f"pose {test.at_poses[0]}, then at pose {test.at_poses[1]}" if len(test.at_poses) > 1 else ""
     if test.sweep is not None:
-        sweep = test.sweep
-        motion = (
-            f"move joint {sweep.joint} alone from {numbers.signed(sweep.start_deg, '.0f')}° to "
-            f"{numbers.signed(sweep.end_deg, '.0f')}° in steps of {sweep.step_deg:g}° ({sweep.poses} poses)"
-        )
+        motion = f"move {sweep_words(test.sweep, ' alone')}"
         if one.kind in (DIRECTION, DIRECTION_BY_ANGLE):
             says = f"from both sides: by the law the two ways differ by up to {forecast}"
         elif where:
@@ -135,9 +132,7 @@ def laws_document(readings: Sequence[LawReading], found: FoundLaws | None = None
             "words": law_sentence(one),
             "refuted_by": {
                 **asdict(one.refuted_by),
-                "sweep": None
-                if one.refuted_by.sweep is None
-                else {**asdict(one.refuted_by.sweep), "poses": one.refuted_by.sweep.poses},
+                "sweep": sweep_document(one.refuted_by.sweep),
                 "words": refutation_sentence(one),
             },
             "tried": tried,
@@ -148,6 +143,17 @@ def laws_document(readings: Sequence[LawReading], found: FoundLaws | None = None
         }
         for one in readings
     ]
+
+
+def sweep_words(sweep: Sweep, alone: str = "") -> str:
+    """Phrase on a motion of one joint: "joint 3 from −90° to 90° in steps of 5° (37 poses)"."""
+    start, end = (numbers.signed(value, ".0f") for value in (sweep.start_deg, sweep.end_deg))
+    return f"joint {sweep.joint}{alone} from {start}° to {end}° in steps of {sweep.step_deg:g}° ({sweep.poses} poses)"
+
+
+def sweep_document(sweep: Sweep | None) -> dict[str, Any] | None:
+    """JSON value of a motion of one joint."""
+    return None if sweep is None else {**asdict(sweep), "poses": sweep.poses}
 
 
 def wave_part(order: int) -> str:
