@@ -1,6 +1,6 @@
 """Tails and quantiles of the test statistics' distributions.
 
-scipy.stats has the same, but takes a second to load, longer than most of what is computed here.
+scipy.stats has the same, but takes a third of a second to load, as long as most of what is computed here.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def normal_cdf(upper: Array, correlation: Array) -> float:
     """P(all X_i <= upper_i) of K standard normal numbers with a correlation matrix (K, K), which may be singular.
 
     One variable after the other is drawn below its bound, the likeliest to exceed it first (Genz 1992), at the points
-    of a fixed lattice; the mean of the products of their probabilities is good to about 1e-4.
+    of a fixed lattice; the mean of the products of their probabilities is good to about 1e-4. scipy's own cdf draws at
+    random and takes 5 s for eight variables, where this takes 4 ms.
     """
     count = len(upper)
     if count == 1:
@@ -72,22 +73,3 @@ def _root_of_singular(covariance: Array) -> Array:
             root[k, k] = np.sqrt(left)
             root[k + 1 :, k] = (covariance[k + 1 :, k] - root[k + 1 :, :k] @ root[k, :k]) / root[k, k]
     return root
-
-
-def hypergeometric_sf(population: int, cases: int) -> Array:
-    """Table (population + 1, cases + 1) of P(at least k cases among w drawn without replacement).
-
-    Rows are w, columns k; Fisher's exact test of a group of w with k cases is one entry (one-sided).
-    """
-    log_factorial = special.gammaln(np.arange(population + 1) + 1.0)  # of integers alone: the table has millions
-
-    def log_choose(n: int) -> Array:
-        """Logarithms (n + 1,) of the ways to choose 0, 1, ... of n."""
-        return np.asarray(log_factorial[n] - log_factorial[: n + 1] - log_factorial[n::-1])
-
-    drawn = np.arange(population + 1)[:, None]
-    others = drawn - np.arange(cases + 1)  # without the property
-    possible = (others >= 0) & (others <= population - cases)
-    ways = log_choose(population - cases)[np.where(possible, others, 0)]
-    p = np.exp(np.where(possible, ways, -np.inf) + log_choose(cases) - log_choose(population)[:, None])
-    return np.asarray(np.minimum(np.cumsum(p[:, ::-1], axis=1)[:, ::-1], 1.0))

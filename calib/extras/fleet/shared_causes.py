@@ -21,7 +21,7 @@ from math import comb
 import numpy as np
 
 from calib.array_types import BoolArray, IndexArray
-from calib.distributions import hypergeometric_sf
+from calib.extras.fleet.fisher_table import hypergeometric_sf
 from calib.extras.fleet.row import EffectSize, Row
 from calib.rendering import numbers
 

@@ -24,7 +24,6 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.minimisation import descend
 
 _STARTS = ((3.0, 2.0), (20.0, 2.5))  # bandwidth n0 and slope p
 _FIRST_STEPS, _LAST_STEPS = 7, 20
@@ -132,15 +131,16 @@ class CurveEvidence:
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
         """Largest log evidence over all sizes and spectra, and the spectrum that attains it."""
+        from scipy.optimize import minimize  # takes a sixth of a second to load
+
         usual = np.log(self.usual_size)
-        bounds = (
-            np.append(np.full(self.members, usual + _LEAST_LOG_SIZE), np.log([_BANDWIDTHS[0], _SLOPES[0]])),
-            np.append(np.full(self.members, usual + _MOST_LOG_SIZE), np.log([_BANDWIDTHS[1], _SLOPES[1]])),
-        )
+        sizes = (usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)
+        bounds = [*[sizes] * self.members, tuple(np.log(_BANDWIDTHS)), tuple(np.log(_SLOPES))]
 
         def climb(start: Array, steps: int) -> tuple[float, Array]:
-            fallen, logs = descend(self._falling, start, steps=steps, settled=_SETTLED, bounds=bounds)
-            return -fallen, logs
+            options = {"maxiter": steps, "ftol": _SETTLED, "gtol": 1e-5}
+            found = minimize(self._falling, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+            return -float(found.fun), np.asarray(found.x)
 
         widest = max(int(self.curve.order.max()), 1)
         if len(starts) == 1:
