@@ -99,7 +99,3 @@ class FitError(CalibError):
 
 class TargetError(CalibError):
     """Error: a target cannot be found in a scan, or a finder of the user's own fails."""
-
-
-class PartError(CalibError):
-    """Error: a part with the requested sizes cannot be printed."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
-from calib.errors import PartError
-from calib.present.moves.printed_parts import printed_part_blocks, printed_part_document
-from calib.printed_parts.flange_parts import BallStem, CornerJig
-from calib.printed_parts.part import PrintedPart
-from calib.printed_parts.socket_plate import SocketPlate
+from calib.extras.printed_parts.flange_parts import BallStem, CornerJig
+from calib.extras.printed_parts.part import PartError, PrintedPart
+from calib.extras.printed_parts.presentation import printed_part_blocks, printed_part_document
+from calib.extras.printed_parts.socket_plate import SocketPlate
 from calib.rendering.text import block_text
 from inspector.cli.dataset_commands import show
 from inspector.extras.printed_parts.options import JigOptions

@@ -1,6 +1,6 @@
 """What printed parts bring."""
 
-from inspector.plugins import Command
+from inspector.plugins import Command, PipExtra
 
 CONTRIBUTIONS = (
     Command(
@@ -9,4 +9,5 @@ CONTRIBUTIONS = (
         "inspector.extras.printed_parts.jig_command:run_jig",
         after="sample",
     ),
+    PipExtra("parts", ("manifold3d",)),
 )

@@ -13,11 +13,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.errors import PartError
-from calib.printed_parts.bolt_circle import bolt_circle
-from calib.printed_parts.flange_parts import BallStem, CornerJig
-from calib.printed_parts.part import PrintedPart
-from calib.printed_parts.socket_plate import SocketPlate
+from calib.extras.printed_parts.bolt_circle import bolt_circle
+from calib.extras.printed_parts.flange_parts import BallStem, CornerJig
+from calib.extras.printed_parts.part import PartError, PrintedPart
+from calib.extras.printed_parts.socket_plate import SocketPlate
 from inspector.cli.parser import main
 
 
@@ -29,36 +28,40 @@ def as_mesh(part: PrintedPart) -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize(
-    ("part", "holes"),
+    ("part", "holes", "size_mm", "volume_mm3"),
     [
-        (SocketPlate().part(), 4),
-        (SocketPlate(columns=3, rows=2, pitch_mm=60.0, shape="faces").part(), 4),
-        (SocketPlate(columns=1, rows=4, mount_hole_mm=0.0).part(), 0),
-        (CornerJig().part(), 4),
-        (CornerJig(edge_mm=40.0, bolts="31.5-4-M5").part(), 4),
-        (CornerJig(bolts="ISO 9409-1-80-6-M8").part(), 6),
-        (BallStem().part(), 4),
-        (BallStem(ball_mm=12.7, bolts="31.5-4-M5").part(), 4),
+        (SocketPlate(), 4, (128.0, 78.0, 10.0), 97796.8936),
+        (SocketPlate(columns=3, rows=2, pitch_mm=60.0, shape="faces"), 4, (208.0, 148.0, 10.0), 301509.3925),
+        (SocketPlate(columns=1, rows=4, mount_hole_mm=0.0), 0, (78.0, 228.0, 10.0), 175664.4787),
+        (CornerJig(), 4, (84.852814, 82.189795, 113.130811), 166369.6302),
+        (CornerJig(edge_mm=40.0, bolts="31.5-4-M5"), 4, (56.568542, 55.859863, 93.753874), 53692.1683),
+        (CornerJig(bolts="ISO 9409-1-80-6-M8"), 6, (99.4, 99.4, 99.630811), 276969.7243),
+        (BallStem(), 4, (66.4, 66.4, 73.928932), 68455.2833),
+        (BallStem(ball_mm=12.7, bolts="31.5-4-M5"), 4, (46.4, 46.4, 76.509872), 28444.4249),
     ],
 )
-def test_a_part_is_closed_and_outward_with_the_holes_that_it_is_to_have(part: PrintedPart, holes: int) -> None:
-    mesh = as_mesh(part)
+def test_a_part_is_closed_has_its_holes_and_the_size_that_other_code_gave_it(
+    part: SocketPlate | CornerJig | BallStem, holes: int, size_mm: tuple[float, ...], volume_mm3: float
+) -> None:
+    """Sizes and volumes are those of the triangles that were made without a library before."""
+    mesh = as_mesh(part.part())
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
-    assert mesh.volume == pytest.approx(part.solid.volume_mm3, rel=1e-6)
     assert mesh.body_count == 1
     assert 2 - mesh.euler_number == 2 * holes  # a hole through is a handle
+    assert mesh.extents == pytest.approx(size_mm, abs=1e-3)
+    assert mesh.volume == pytest.approx(volume_mm3, rel=1e-5)
 
 
 def test_a_plate_without_holes_has_the_volume_of_a_block_less_its_sockets() -> None:
     plate = SocketPlate(columns=2, rows=2, pitch_mm=60.0, mount_hole_mm=0.0)
     part = plate.part()
-    x, y, z = part.solid.size_mm
+    x, y, z = part.solid.extents
     tip_mm = plate.rim_mm / np.tan(np.radians(plate.cone_deg / 2))
     above_tip_mm = tip_mm - plate.socket_depth_mm
     cone = np.pi / 3 * plate.rim_mm**2 * tip_mm * (1.0 - (above_tip_mm / tip_mm) ** 3)
     mark = np.pi / 3 * 1.0 * (2.0**2 + 1.0**2 + 2.0)
-    assert part.solid.volume_mm3 == pytest.approx(x * y * z - 4 * cone - mark, rel=1e-4)
+    assert part.solid.volume == pytest.approx(x * y * z - 4 * cone - mark, rel=1e-4)
 
 
 @settings(max_examples=12, deadline=None)

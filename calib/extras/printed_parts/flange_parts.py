@@ -1,8 +1,7 @@
 """Parts on a robot's flange: the three-faced corner that a scanner measures, and the stem of a ball for sockets.
 
 Both stand on a round plate with the flange's bolt circle. The part's frame is the flange's: origin in its plane, z
-along its axis, away from the arm. All between z = 0 and what is measured are loops of points, one above
-the other.
+along its axis, away from the arm.
 """
 
 from __future__ import annotations
@@ -12,12 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.array_types import Array
-from calib.errors import PartError
+from calib.extras.printed_parts.bolt_circle import STANDARD, BoltCircle, bolt_circle
+from calib.extras.printed_parts.part import SIDES, WALL_MM, NamedPoint, PartError, PrintedPart, require_size
+from calib.extras.printed_parts.solid import Mesh, at_height, circle, joined, loft, prism, triangle_loop
 from calib.jig import Jig, jig_geometry
-from calib.printed_parts.bolt_circle import STANDARD, BoltCircle, bolt_circle
-from calib.printed_parts.part import SIDES, WALL_MM, NamedPoint, PrintedPart, require_size
-from calib.printed_parts.solid import at_height, bore, circle, fan, floor, reversed_sides, solid_of, triangle_loop, wall
 
 _KEY_MM = 10.0  # free height above a bolt's head, for the head of a ball-ended key
 _LEAST_NECK_MM = 6.0  # radius
@@ -76,9 +73,8 @@ class CornerJig:
         inradius = float(np.linalg.norm(ends[:, :2], axis=1).mean()) / 2
         apex = np.array([0.0, 0.0, self.apex_height_mm])
         base = at_height(triangle_loop(inradius, SIDES), self.apex_height_mm - float(ends[:, 2].mean()))
-        top = self.plate_mm + self.standoff_mm
-        patches = [*_flange_plate(bolts, neck, self.plate_mm), *_neck(neck, self.plate_mm, top)]
-        patches += [wall(at_height(neck, top), base), fan(apex, base)]
+        loops = [at_height(neck, height) for height in (self.plate_mm / 2, self.plate_mm + self.standoff_mm)]
+        solid = _on_flange(bolts, self.plate_mm, loft(*loops, base, np.tile(apex, (SIDES, 1))))
         sizes = {
             "edge_mm": self.edge_mm,
             "apex_height_mm": self.apex_height_mm,
@@ -88,7 +84,7 @@ class CornerJig:
             "bolt_hole_mm": bolts.hole_mm,
         }
         point = NamedPoint("apex", (0.0, 0.0, self.apex_height_mm))
-        return PrintedPart("corner", solid_of(patches), sizes, (point,), bolts.name)
+        return PrintedPart("corner", solid, sizes, (point,), bolts.name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,14 +143,10 @@ class BallStem:
         foot, end = circle(bolts.free_radius_mm, SIDES), circle(self._end_mm, SIDES)
         rim = circle(self._rim_mm, SIDES, around=True)
         top = self.length_mm - self._centre_above_rim_mm
-        edge = at_height(rim, top)
-        cup = reversed_sides(fan(np.array([0.0, 0.0, top - self._cup_mm]), edge))
-        patches = [
-            *_flange_plate(bolts, foot, self.plate_mm),
-            wall(at_height(foot, self.plate_mm), at_height(end, top)),
-            wall(at_height(end, top), edge),
-            reversed_sides(cup),
-        ]
+        tip = at_height(np.zeros_like(rim), top - self._cup_mm)
+        above = at_height(2.0 * rim, top + self._cup_mm)  # the cup's cone, twice as high
+        body = loft(at_height(foot, self.plate_mm / 2), at_height(foot, self.plate_mm), at_height(end, top))
+        solid = _on_flange(bolts, self.plate_mm, body, loft(tip, above))
         sizes = {
             "ball_mm": self.ball_mm,
             "length_mm": self.length_mm,
@@ -163,7 +155,7 @@ class BallStem:
             "bolt_hole_mm": bolts.hole_mm,
         }
         point = NamedPoint("ball", (0.0, 0.0, self.length_mm))
-        return PrintedPart("stem", solid_of(patches), sizes, (point,), bolts.name)
+        return PrintedPart("stem", solid, sizes, (point,), bolts.name)
 
 
 def _require_neck(bolts: BoltCircle) -> None:
@@ -174,17 +166,8 @@ def _require_neck(bolts: BoltCircle) -> None:
         )
 
 
-def _flange_plate(bolts: BoltCircle, foot: Array, thickness_mm: float) -> list[Array]:
-    """A round plate with the bolts' holes, open at the top within the outline `foot` of what stands on it."""
-    outline, holes = circle(bolts.plate_radius_mm, SIDES), bolts.holes()
-    return [
-        reversed_sides(floor(outline, holes, 0.0)),
-        wall(at_height(outline, 0.0), at_height(outline, thickness_mm)),
-        floor(outline, [*holes, foot], thickness_mm),
-        *(bore(at_height(hole, 0.0), at_height(hole, thickness_mm)) for hole in holes),
-    ]
-
-
-def _neck(foot: Array, low_mm: float, high_mm: float) -> list[Array]:
-    """Walls of a straight neck; none where it has no height."""
-    return [wall(at_height(foot, low_mm), at_height(foot, high_mm))] if high_mm > low_mm else []
+def _on_flange(bolts: BoltCircle, plate_mm: float, body: Mesh, *less: Mesh) -> Mesh:
+    """A round plate of this thickness with the bolts' holes and a body on it, less what is cut out of the body."""
+    plate = prism(circle(bolts.plate_radius_mm, SIDES), 0.0, plate_mm)
+    holes = [prism(hole, -1.0, plate_mm + 1.0) for hole in bolts.holes()]
+    return joined([plate, body], [*holes, *less])

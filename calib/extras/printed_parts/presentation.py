@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from calib.printed_parts.part import PrintedPart
+from calib.extras.printed_parts.part import PrintedPart
 from calib.rendering.blocks import Block, Paragraph, Table
 
 _USES = {
@@ -26,8 +26,8 @@ _USES = {
 
 def printed_part_blocks(part: PrintedPart, files: list[str]) -> list[Block]:
     """Blocks on a part: the files that hold it, its sizes, its points, and its use."""
-    x, y, z = part.solid.size_mm
-    cubic_cm = part.solid.volume_mm3 / 1e3
+    x, y, z = part.solid.extents
+    cubic_cm = part.solid.volume / 1e3
     fixed = f", for bolts {part.bolts} (ISO 9409-1)" if part.bolts else ""
     sizes = [
         (name.rpartition("_")[0].replace("_", " "), f"{value:.2f}", _unit(name)) for name, value in part.sizes.items()
@@ -51,8 +51,8 @@ def printed_part_document(part: PrintedPart, files: list[str]) -> dict[str, Any]
         "kind": part.kind,
         "files": files,
         "bolts": part.bolts,
-        "size_mm": list(part.solid.size_mm),
-        "volume_mm3": part.solid.volume_mm3,
+        "size_mm": part.solid.extents.tolist(),
+        "volume_mm3": float(part.solid.volume),
         "triangles": len(part.solid.faces),
         "sizes": dict(part.sizes),
         "points": [{"name": point.name, "xyz_mm": list(point.xyz_mm)} for point in part.points],

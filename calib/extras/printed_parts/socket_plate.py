@@ -19,19 +19,8 @@ from string import ascii_uppercase
 import numpy as np
 
 from calib.array_types import Array
-from calib.errors import PartError
-from calib.printed_parts.part import HOLE_SIDES, WALL_MM, NamedPoint, PrintedPart, require_size
-from calib.printed_parts.solid import (
-    at_height,
-    bore,
-    circle,
-    fan,
-    holed_rectangle,
-    reversed_sides,
-    solid_of,
-    triangle_loop,
-    wall,
-)
+from calib.extras.printed_parts.part import HOLE_SIDES, WALL_MM, NamedPoint, PartError, PrintedPart, require_size
+from calib.extras.printed_parts.solid import Mesh, at_height, circle, joined, loft, prism, triangle_loop
 
 CONE, FACES = "cone", "faces"
 SOCKET_SHAPES = (CONE, FACES)
@@ -128,23 +117,30 @@ class SocketPlate:
             for i in range(self.columns)
         )
 
-    def _rim(self, centre_mm: tuple[float, float] = (0.0, 0.0)) -> Array:
-        """Outline (N, 2) of a socket at the plate's top; a ball touches every side's slope."""
+    def _rim(self) -> Array:
+        """Outline (N, 2) of a socket at the plate's top about its axis; a ball touches every side's slope."""
         if self.shape == FACES:
-            return triangle_loop(self.rim_mm, HOLE_SIDES, centre_mm)
-        return circle(self.rim_mm, HOLE_SIDES, centre_mm, around=True)
+            return triangle_loop(self.rim_mm, HOLE_SIDES)
+        return circle(self.rim_mm, HOLE_SIDES, around=True)
 
     def part(self) -> PrintedPart:
         """The plate as a part to print, in the frame of `centres`."""
         top_mm = -self.centre_height_mm  # the seated balls' centres are at z = 0
         bottom_mm = top_mm - self.plate_mm
-        xs, ys = (self._grid(count) for count in (self.columns, self.rows))
-        patches: list[Array] = []
-        for i in range(len(xs) - 1):
-            for j in range(len(ys) - 1):
-                low, high = np.array([xs[i], ys[j]]), np.array([xs[i + 1], ys[j + 1]])
-                patches += self._cell((i, j), low, high, top_mm, bottom_mm)
-        patches += [_sides(xs, ys, bottom_mm, top_mm)]
+        first = -self.pitch_mm / 2 - self.margin_mm
+        x_mm, y_mm = (2 * self.margin_mm + count * self.pitch_mm for count in (self.columns, self.rows))
+        outline = np.array([[first, first], [first + x_mm, first], [first + x_mm, first + y_mm], [first, first + y_mm]])
+        share = self._floor_above_tip_mm * math.tan(self._half_rad) / self.rim_mm
+        pits = [_pit(self._rim(), share, self.socket_depth_mm, point.xyz_mm[:2], top_mm) for point in self.centres()]
+        middle_mm = first + self.margin_mm / 2  # of the margin, in which holes and mark are
+        mark = circle(_MARK_MM / 2, HOLE_SIDES)
+        pits.append(_pit(mark, 0.5, _MARK_DEEP_MM, (middle_mm, 0.0), top_mm))
+        if self.mount_hole_mm:
+            for x in (middle_mm, middle_mm + x_mm - self.margin_mm):
+                for y in (middle_mm, middle_mm + y_mm - self.margin_mm):
+                    hole = circle(self.mount_hole_mm / 2, HOLE_SIDES, (x, y), around=True)
+                    pits.append(prism(hole, bottom_mm - 1.0, top_mm + 1.0))
+        solid = joined([prism(outline, bottom_mm, top_mm)], pits)
         sizes = {
             "pitch_mm": self.pitch_mm,
             "ball_mm": self.ball_mm,
@@ -154,54 +150,12 @@ class SocketPlate:
             "socket_depth_mm": self.socket_depth_mm,
             "thickness_mm": self.plate_mm,
         }
-        return PrintedPart("sockets", solid_of(patches), sizes, self.centres())
-
-    def _grid(self, count: int) -> Array:
-        """Borders of the cells along one axis: a margin, a cell a socket, a margin."""
-        inner = (np.arange(count + 1) - 0.5) * self.pitch_mm
-        return np.array([inner[0] - self.margin_mm, *inner, inner[-1] + self.margin_mm])
-
-    def _cell(self, at: tuple[int, int], low: Array, high: Array, top_mm: float, bottom_mm: float) -> list[Array]:
-        """Top and bottom of one cell with what is in it: a socket, a hole, the mark, or nothing."""
-        x, y = (low + high) / 2
-        i, j = at
-        beyond_x, beyond_y = i in (0, self.columns + 1), j in (0, self.rows + 1)
-        if not beyond_x and not beyond_y:
-            rim = self._rim((float(x), float(y)))
-            share = self._floor_above_tip_mm * math.tan(self._half_rad) / self.rim_mm
-            return self._pit(low, high, rim, share, (top_mm, top_mm - self.socket_depth_mm, bottom_mm))
-        if at == (0, 1):
-            mark = circle(_MARK_MM / 2, HOLE_SIDES, (float(x), float(y)))
-            return self._pit(low, high, mark, 0.5, (top_mm, top_mm - _MARK_DEEP_MM, bottom_mm))
-        hole = None
-        if beyond_x and beyond_y and self.mount_hole_mm:
-            hole = circle(self.mount_hole_mm / 2, HOLE_SIDES, (float(x), float(y)), around=True)
-        top, bottom = (holed_rectangle(low, high, hole, z) for z in (top_mm, bottom_mm))
-        through = [] if hole is None else [bore(at_height(hole, bottom_mm), at_height(hole, top_mm))]
-        return [top, reversed_sides(bottom), *through]
-
-    @staticmethod
-    def _pit(low: Array, high: Array, rim: Array, share: float, heights: tuple[float, float, float]) -> list[Array]:
-        """A cell with a pit: its floor is the rim, made smaller by `share` about the cell's middle."""
-        top_mm, floor_mm, bottom_mm = heights
-        middle = (low + high) / 2
-        ground = at_height(middle + share * (rim - middle), floor_mm)
-        return [
-            holed_rectangle(low, high, rim, top_mm),
-            bore(ground, at_height(rim, top_mm)),
-            fan(at_height(middle, floor_mm), ground),
-            reversed_sides(holed_rectangle(low, high, None, bottom_mm)),
-        ]
+        return PrintedPart("sockets", solid, sizes, self.centres())
 
 
-def _sides(xs: Array, ys: Array, bottom_mm: float, top_mm: float) -> Array:
-    """Walls around a plate, with the corners of its cells as vertices."""
-    outline = np.array(
-        [
-            *[(x, ys[0]) for x in xs[:-1]],
-            *[(xs[-1], y) for y in ys[:-1]],
-            *[(x, ys[-1]) for x in xs[:0:-1]],
-            *[(xs[0], y) for y in ys[:0:-1]],
-        ]
-    )
-    return wall(at_height(outline, bottom_mm), at_height(outline, top_mm))
+def _pit(rim: Array, share: float, depth_mm: float, centre_mm: tuple[float, ...], top_mm: float) -> Mesh:
+    """What a pit cuts out of a plate: its floor is the rim about the centre, made smaller by `share`."""
+    centre = np.array(centre_mm)
+    floor = at_height(centre + share * rim, top_mm - depth_mm)
+    above = at_height(centre + (2.0 - share) * rim, top_mm + depth_mm)
+    return loft(floor, above)

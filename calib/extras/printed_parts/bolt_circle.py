@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.errors import PartError
-from calib.printed_parts.part import HOLE_SIDES, WALL_MM
-from calib.printed_parts.solid import circle
+from calib.extras.printed_parts.part import HOLE_SIDES, WALL_MM, PartError
+from calib.extras.printed_parts.solid import circle
 
 _THREADS = {  # of M: clearance hole, diameter and height of the head, mm
     3: (3.4, 5.5, 3.0),
