@@ -243,8 +243,8 @@ def _along_line(gain: Callable[[float], float], shape: Callable[[float], NoiseSh
     """Noise shape with the largest gain over one number, searched within +-`most`."""
     from scipy.optimize import minimize_scalar  # takes a sixth of a second to load
 
-    options = {"xatol": 0.005 * most}
-    found = float(minimize_scalar(lambda v: -gain(v), bounds=(-most, most), method="bounded", options=options).x)
+    line = minimize_scalar(lambda v: -gain(v), bounds=(-most, most), method="bounded", options={"xatol": 0.005 * most})
+    found = float(line.x)
     return FoundShape(shape(found), gain(found))
 
 
@@ -263,8 +263,9 @@ def _free_axes(gain: Callable[[NoiseShape], float], shape: NoiseShape) -> FoundS
 
     at, value = np.zeros(5), 0.0
     for steps in (3, 25):  # a few tell whether there is anything to find
-        options = {"maxiter": steps, "gtol": 0.05, "ftol": 0.0, "eps": 1e-6}
-        found = minimize(loss, at, method="L-BFGS-B", options=options)
+        found = minimize(
+            loss, at, method="L-BFGS-B", options={"maxiter": steps, "gtol": 0.05, "ftol": 0.0, "eps": 1e-6}
+        )
         at, value = found.x, -float(found.fun)
         if value < 4.0 * _PARAMETER_COST:
             break

@@ -135,11 +135,13 @@ class CurveEvidence:
 
         usual = np.log(self.usual_size)
         sizes = (usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)
-        bounds = [*[sizes] * self.members, tuple(np.log(_BANDWIDTHS)), tuple(np.log(_SLOPES))]
+        bounds = np.array([*[sizes] * self.members, np.log(_BANDWIDTHS), np.log(_SLOPES)])
 
         def climb(start: Array, steps: int) -> tuple[float, Array]:
-            options = {"maxiter": steps, "ftol": _SETTLED, "gtol": 1e-5}
-            found = minimize(self._falling, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+            found = minimize(
+                self._falling, start, jac=True, method="L-BFGS-B", bounds=bounds,
+                options={"maxiter": steps, "ftol": _SETTLED, "gtol": 1e-5},
+            )  # fmt: skip
             return -float(found.fun), np.asarray(found.x)
 
         widest = max(int(self.curve.order.max()), 1)
