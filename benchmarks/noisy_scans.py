@@ -20,7 +20,6 @@ import numpy as np
 
 from calib import diagnose
 from calib.corners.batch import declared_noise, of_one_jig
-from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, find_corner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.measurement.measured_points import found_corners, with_corners
@@ -33,7 +32,7 @@ def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
     robot = replace(builtin_robot(("rb5", "panda")[seed % 2]), carries_scanner=mount == "flange")
     made = simulate_dataset(robot, rng=np.random.default_rng(seed), scans=True, effects=effects, scan_model=model)
     scanner = made.dataset.scanner
-    options = CornerOptions(refinement=RefinementOptions(declared=declared_noise(scanner)))
+    options = CornerOptions(declared=declared_noise(scanner))
     searches: dict[str, CornerSearch] = {}
     for pose, pose_id in enumerate(made.dataset.poses.ids):
         scan = made.scan(pose).scan

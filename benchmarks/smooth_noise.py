@@ -39,7 +39,6 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise  # noqa: E402
-from calib.corners.refinement import RefinementOptions  # noqa: E402
 from calib.corners.search import CornerOptions, find_corner  # noqa: E402
 from calib.jig import Jig  # noqa: E402
 from calib.scans.scan import Scan  # noqa: E402
@@ -66,7 +65,7 @@ def judged(
     bound_mm: float = np.nan,
 ) -> Outcome | None:
     """Error of one scan's corner in units of its covariance; None where there is no corner."""
-    options = CornerOptions(refinement=RefinementOptions(declared=declared))
+    options = CornerOptions(declared=declared)
     corner = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options).corner
     if corner is None:
         return None

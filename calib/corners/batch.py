@@ -17,7 +17,6 @@ from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNo
 from calib.corners.face_bows import FaceBows, with_common_bows
 from calib.corners.intersection import Corner
 from calib.corners.jig_angles import JigAngles, with_common_angles
-from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
 from calib.errors import CornerError, DatasetError, ScanError
@@ -146,7 +145,7 @@ def search_file(
     intermediate: bool = True,
 ) -> CornerSearch:
     """Corner search in a scan file; a file that cannot be read gives a failed search with `unreadable` set."""
-    options = CornerOptions(refinement=RefinementOptions(declared=declared))
+    options = CornerOptions(declared=declared)
     find = partial(find_corner, jig=jig, scan_sigma_mm=scan_sigma_mm, options=options)
     return searched_scan(path, find, intermediate=intermediate)
 

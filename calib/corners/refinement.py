@@ -8,7 +8,6 @@ residuals. The outline of each face follows from the three planes, so planes and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,17 +35,8 @@ _POINTS_FOR_SPREAD = 3_000
 _BAND_SIGMA = 12.0
 _LESS_MARGIN = (1.0, 0.5, 0.2)
 _MARGIN_SIGMA = 3.0  # a face's own noise must not carry its points over the edge into the other face's band
+_FEWEST_POINTS = 6  # of a face
 _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
-
-
-@dataclass(frozen=True)
-class RefinementOptions:
-    """Options of the refinement: which points take part, and what is declared of the scanner's noise."""
-
-    # Kept away from every edge of a face: rounding, blurred and flying pixels. None: found from the points' heights.
-    edge_margin_mm: float | None = None
-    min_face_points: int = 6
-    declared: DeclaredNoise = NOTHING_DECLARED  # of the scanner's smooth error
 
 
 def refine(
@@ -56,14 +46,14 @@ def refine(
     jig: Jig,
     outline: Outline,
     sigma_mm: float,
-    options: RefinementOptions,
+    declared: DeclaredNoise = NOTHING_DECLARED,
     scan_sigma_mm: float | None = None,
 ) -> Corner:
     """Corner of three plane groups, refined on all inliers.
 
     points_mm  # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands;
-    scan_sigma_mm is the scanner's declared noise, for the quality figures only; outline is that of the faces, in the
-    order of the chosen groups.
+    declared is the scanner's correlated error; scan_sigma_mm is its declared noise, for the quality figures only;
+    outline is that of the faces, in the order of the chosen groups.
 
     Raises CornerError with the reason where the points do not define three planes that meet like the jig's faces.
     """
@@ -74,22 +64,19 @@ def refine(
     reach_mm = 1.1 * (np.hypot(middle_mm, longest_mm) if outline.rectangular else longest_mm)
     # From the first apex, so that the planes are fitted in small numbers.
     near, local = points_within(points_mm, origin, reach_mm)
-    planes, margins_mm = _fit_faces(
-        local, near, normals, start_offsets - normals @ origin, jig, outline, sigma_mm, options
-    )
-    if options.edge_margin_mm is None:
+    planes, margins_mm = _fit_faces(local, near, normals, start_offsets - normals @ origin, jig, outline, sigma_mm)
 
-        def fit(points: Array, heights: Array, indices: IndexArray, face: int, margin_mm: float) -> PlaneFit:
-            plane, band_mm = planes[face], _BAND_SIGMA * planes[face].sigma_mm
-            on = _points_of_face(points, heights, face, band_mm, margin_mm, jig, outline, options)
-            return fit_plane_robustly(points[on], indices[on], plane.normal, plane.offset_mm)
+    def fit(points: Array, heights: Array, indices: IndexArray, face: int, margin_mm: float) -> PlaneFit:
+        plane, band_mm = planes[face], _BAND_SIGMA * planes[face].sigma_mm
+        on = _points_of_face(points, heights, face, band_mm, margin_mm, jig, outline)
+        return fit_plane_robustly(points[on], indices[on], plane.normal, plane.offset_mm)
 
-        planes, margins_mm = refit_narrow_faces(local, near, planes, margins_mm, origin, jig, outline, fit)
+    planes, margins_mm = refit_narrow_faces(local, near, planes, margins_mm, origin, jig, outline, fit)
     margin_mm = float(margins_mm.max())
     surroundings = flat_surroundings(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
-    known = plane_uncertainty(planes, jig, origin, surroundings, options.declared, rectangular=outline.rectangular)
+    known = plane_uncertainty(planes, jig, origin, surroundings, declared, rectangular=outline.rectangular)
     planes = list(known.planes)
     require_faces(RefinedFaces(planes, known.covariance, local, origin, jig, outline))
     covariance = known.covariance
@@ -99,7 +86,7 @@ def refine(
         _face(plane, origin, group, covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], len(points_mm))
         for i, (plane, group) in enumerate(zip(planes, chosen, strict=True))
     )
-    declared_mm = options.declared.correlated_sigma_mm
+    declared_mm = declared.correlated_sigma_mm
     corner = Corner(
         origin + apex,
         intersection_covariance(normals, height_covariance(planes, covariance, apex)),
@@ -121,7 +108,6 @@ def _fit_faces(
     jig: Jig,
     outline: Outline,
     sigma_mm: float,
-    options: RefinementOptions,
 ) -> tuple[list[PlaneFit], Array]:
     """Robustly fitted planes of the three faces, and the margins (3,), mm, along the edges whose points are left out.
 
@@ -130,7 +116,7 @@ def _fit_faces(
     Raises CornerError where a face has too few points, or points along a line.
     """
     bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.shortest_mm / 1800))
-    margins_mm = np.full(3, options.edge_margin_mm or jig.shortest_mm / 40)
+    margins_mm = np.full(3, jig.shortest_mm / 40)
     planes: list[PlaneFit] = []
     step = max(1, len(local) // _POINTS_AT_FIRST)  # at first some thousands of points are enough
     members = [(local[::step], near[::step])] * 3
@@ -141,13 +127,13 @@ def _fit_faces(
             at_plane = [np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(over_planes, bands, strict=True)]
             members = [(local.take(on, axis=0), near[on]) for on in at_plane]
         heights = [points @ normals.T - offsets for points, _ in members]
-        if turn == _ROUNDS - 1 and options.edge_margin_mm is None:
+        if turn == _ROUNDS - 1:
             # Not before: planes fitted to a part of the points have rings off the plane by themselves.
             margins_mm = flat_margins_mm(heights, planes, jig, outline)
         margins_mm = np.maximum(margins_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
         for face, (points, indices) in enumerate(members):
-            on = _points_of_face(points, heights[face], face, bands[face], margins_mm[face], jig, outline, options)
+            on = _points_of_face(points, heights[face], face, bands[face], margins_mm[face], jig, outline)
             planes.append(fit_plane_robustly(points.take(on, axis=0), indices[on], normals[face], offsets[face]))
         moved = [
             abs(p.offset_mm - d) + jig.longest_mm * np.linalg.norm(p.normal - n)
@@ -169,7 +155,6 @@ def _points_of_face(
     margin_mm: float,
     jig: Jig,
     outline: Outline,
-    options: RefinementOptions,
 ) -> IndexArray:
     """Indices of the points on a face, inside its outline less a margin; `heights` (K, 3): of points over all planes.
 
@@ -178,17 +163,17 @@ def _points_of_face(
     for share in _LESS_MARGIN:
         on = np.flatnonzero(face_points(heights, face, band_mm, jig, outline, share * margin_mm))
         on = on[without_far_points(np.stack(along_edges(heights.take(on, axis=0), face, jig)).T)]
-        lack = _lack_of_points(points, on, jig, options)
+        lack = _lack_of_points(points, on, jig)
         if not lack:
             return on
     raise CornerError(lack)
 
 
-def _lack_of_points(points: Array, on: IndexArray, jig: Jig, options: RefinementOptions) -> str:
+def _lack_of_points(points: Array, on: IndexArray, jig: Jig) -> str:
     """Reason why a face's points, those with indices `on`, do not define a plane; "" where they do."""
-    if len(on) < options.min_face_points:
+    if len(on) < _FEWEST_POINTS:
         return (
-            f"only {len(on)} points on one of the faces, at least {options.min_face_points} are needed; "
+            f"only {len(on)} points on one of the faces, at least {_FEWEST_POINTS} are needed; "
             "turn the jig toward the scanner, or scan it finer"
         )
     some = points.take(on[:: max(1, len(on) // _POINTS_FOR_SPREAD)], axis=0)

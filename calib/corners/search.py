@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -12,10 +12,11 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.face_selection import TriedPairs, face_triples, why_no_triple
 from calib.corners.intersection import Corner
 from calib.corners.plane_triples import Planes, SelectionTolerances
-from calib.corners.refinement import RefinementOptions, refine
+from calib.corners.refinement import refine
 from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit, some_finite
 from calib.errors import CornerError
 from calib.jig import Jig
@@ -47,7 +48,7 @@ class CornerOptions:
 
     sample_sets: int = 5000
     local_sets: bool = True  # False: four points from the whole scan, as in the paper
-    refinement: RefinementOptions = field(default_factory=RefinementOptions)
+    declared: DeclaredNoise = NOTHING_DECLARED  # of the scanner's smooth error
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,7 @@ def _search_pass(
                 jig,
                 triple.outline,
                 tolerances.clusters.sigma_mm,
-                options.refinement,
+                options.declared,
                 scan_sigma_mm,
             )
         except CornerError as error:

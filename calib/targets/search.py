@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
-from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.errors import TargetError
 from calib.jig import Jig
@@ -90,7 +89,7 @@ def find_targets_in(
     own = any(isinstance(target.shape, OwnShape) for target in targets)
     wanted = [replace(one, declared=declared) for one in wanted_of(targets, scan_sigma_mm)]
     if finder is None and len(targets) == 1 and isinstance(targets[0].shape, Jig):
-        options = CornerOptions(refinement=RefinementOptions(declared=declared))
+        options = CornerOptions(declared=declared)
         return find_corner(scan, targets[0].shape, scan_sigma_mm=scan_sigma_mm, options=options)
     corner_search: CornerSearch | None = None
     jig_shapes = sum(isinstance(w.shape, Jig) for w in wanted)

@@ -12,7 +12,6 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.intersection import Corner, packed
-from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, find_corner
 from calib.errors import TargetError
 from calib.jig import FACE_PAIRS, Jig
@@ -35,7 +34,7 @@ def find_jigs(scan: Scan, wanted: Wanted, shapes: int) -> tuple[CornerSearch, li
     """
     jig = wanted.shape
     assert isinstance(jig, Jig)
-    options = CornerOptions(refinement=RefinementOptions(declared=wanted.declared))
+    options = CornerOptions(declared=wanted.declared)
     searches: list[CornerSearch] = []
     found: list[FoundPoint] = []
     first: CornerSearch | None = None

@@ -14,7 +14,7 @@ from calib.corners.correlated_noise import plane_uncertainty
 from calib.corners.correlated_noise.likelihood import CorrelationEvidence
 from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
 from calib.corners.intersection import Corner, intersect
-from calib.corners.refinement import RefinementOptions, refine
+from calib.corners.refinement import refine
 from calib.errors import CornerError
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
@@ -62,8 +62,7 @@ def corner(
         told or jig,
         jig.outlines()[0],
         white_mm,
-        RefinementOptions(),
-        white_mm,
+        scan_sigma_mm=white_mm,
     )
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.corners.faces.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import Face, intersect, intersection_covariance, packed
-from calib.corners.refinement import RefinementOptions, refine
+from calib.corners.refinement import refine
 from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import PlaneGroup
@@ -125,7 +125,7 @@ def test_exact_points_give_the_exact_apex(seed: int) -> None:
     rng = np.random.default_rng(seed)
     normals = turned(seed)
     points = APEX + faces(normals, 400, rng)
-    corner = refine(points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], 0.0, RefinementOptions())
+    corner = refine(points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], 0.0)
     np.testing.assert_allclose(corner.xyz_mm, APEX, atol=1e-7)
     for face, normal in zip(corner.faces, normals, strict=True):
         np.testing.assert_allclose(face.normal, normal, atol=1e-8)
@@ -153,7 +153,7 @@ def mahalanobis_squared(sigma_mm: float, waves_mm: float, stray: float, count: i
         height = sigma_mm * rng.standard_normal(len(points)) + waves_mm * waves
         height[rng.random(len(points)) < stray] += rng.uniform(0.2, 0.3)  # all on one side
         points = APEX + points + np.repeat(normals, 500, axis=0) * height[:, None]
-        corner = refine(points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], sigma_mm, RefinementOptions())
+        corner = refine(points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], sigma_mm)
         error = corner.xyz_mm - APEX
         found.append(error @ np.linalg.solve(corner.covariance_mm2, error))
     return np.array(found)
@@ -188,4 +188,4 @@ def test_too_little_of_a_face_is_told(count: int, squeeze: float, said: str) -> 
     along = 0.4 * edges[0] + 0.3 * edges[1]
     points[800:] = squeeze * third + (1 - squeeze) * along * rng.uniform(0.4, 1, (len(third), 1))
     with pytest.raises(CornerError, match=said):
-        refine(APEX + points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], 0.01, RefinementOptions())
+        refine(APEX + points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], 0.01)

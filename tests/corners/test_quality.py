@@ -10,7 +10,6 @@ import pytest
 from calib.corners.correlated_noise.declared import DeclaredNoise
 from calib.corners.intersection import Corner
 from calib.corners.quality import angle_errors
-from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, find_corner
 from calib.jig import Jig
 from calib.present import to_dict
@@ -58,7 +57,7 @@ def test_what_is_poor_is_said(name: str, sigma_mm: float, said: str) -> None:
 def test_a_smooth_error_is_a_doubt_where_it_is_clearly_more_than_is_told() -> None:
     made = make_scene(np.random.default_rng(2), 12_000, waves_mm=0.02)
     for told_mm, doubted in ((0.0, True), (0.005, True), (0.02, False)):
-        options = CornerOptions(refinement=RefinementOptions(declared=DeclaredNoise(told_mm, 15.0)))
+        options = CornerOptions(declared=DeclaredNoise(told_mm, 15.0))
         corner = find_corner(made.scan, Jig(), scan_sigma_mm=0.02, options=options).corner
         assert corner is not None
         assert any("error is smooth over" in doubt for doubt in corner.quality.doubts()) == doubted

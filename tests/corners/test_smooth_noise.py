@@ -12,7 +12,7 @@ from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNo
 from calib.corners.correlated_noise.likelihood import LENGTHS, ROUGH_FROM, SHAPES, evidence_of, gaussian_kernels
 from calib.corners.correlated_noise.patches import PatchPlaces
 from calib.corners.intersection import Corner
-from calib.corners.refinement import RefinementOptions, refine
+from calib.corners.refinement import refine
 from calib.corners.search import find_corner
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
@@ -65,7 +65,7 @@ def corner(
     turned = [PlaneGroup(g.sets, turn @ g.centre_mm, turn @ g.normal, g.offset_mm) for g in groups]
     return refine(
         xyz @ turn.T, turned, (0, 1, 2), Jig(), Jig().outlines()[0], WHITE_MM,
-        RefinementOptions(declared=declared), WHITE_MM,
+        declared, WHITE_MM,
     )  # fmt: skip
 
 
