@@ -52,7 +52,7 @@ def rotvec_from_rotation(rotation: ArrayLike) -> Array:
     quaternion = quaternion_from_rotation(rotation)
     scalar, vector = quaternion[..., :1], quaternion[..., 1:]
     half = np.arctan2(np.linalg.norm(vector, axis=-1, keepdims=True), scalar)
-    return np.asarray(2.0 * vector / np.sinc(half / np.pi))
+    return 2.0 * vector / np.sinc(half / np.pi)
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
@@ -62,7 +62,7 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
     scalar, vector = unit[..., 0, None, None], unit[..., 1:]
     outer = vector[..., :, None] * vector[..., None, :]
     square = scalar**2 - np.trace(outer, axis1=-2, axis2=-1)[..., None, None]
-    return np.asarray(square * np.eye(3) + 2.0 * (outer + scalar * skew(vector)))
+    return square * np.eye(3) + 2.0 * (outer + scalar * skew(vector))
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> Array:
@@ -84,7 +84,7 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Array:
     largest = np.argmax(np.diagonal(table, axis1=-2, axis2=-1), axis=-1)
     found = np.take_along_axis(table, largest[..., None, None], axis=-2)[..., 0, :]
     found = found * np.where(found[..., :1] < 0.0, -1.0, 1.0)
-    return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
+    return found / np.linalg.norm(found, axis=-1, keepdims=True)
 
 
 def rotation_from_rpy(rpy_rad: ArrayLike) -> Array:
@@ -145,8 +145,7 @@ def best_fit_transform(source_mm: ArrayLike, target_mm: ArrayLike, weights: Arra
     w = w / w.sum()
     source_mean, target_mean = w @ source, w @ target
     covariance = (target - target_mean).T @ (w[:, None] * (source - source_mean))
-    u, _, vt = np.linalg.svd(covariance)
-    rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    rotation = nearest_rotation(covariance)
     return make_transform(rotation, target_mean - rotation @ source_mean)
 
 
@@ -159,7 +158,12 @@ def best_fit_rotation(source: ArrayLike, target: ArrayLike) -> Array:
     return best_fit_transform(np.concatenate([source, -source]), np.concatenate([target, -target]))[:3, :3]
 
 
+def nearest_rotation(matrix: Array) -> Array:
+    """Rotation (3, 3) nearest to a matrix in the Frobenius norm, by SVD."""
+    u, _, vt = np.linalg.svd(matrix)
+    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+
+
 def mean_rotation(rotations: ArrayLike) -> Array:
     """Rotation (3, 3) with the least sum of squared Frobenius distances to rotations (K, 3, 3), by SVD."""
-    u, _, vt = np.linalg.svd(np.mean(np.asarray(rotations, dtype=float), axis=0))
-    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
+    return nearest_rotation(np.mean(np.asarray(rotations, dtype=float), axis=0))

@@ -102,7 +102,7 @@ def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
         CornerError: no corner has such angles between faces 1-2, 2-3 and 3-1.
     """
     values, vectors = np.linalg.eigh(_gram_matrix(face_angles_deg))
-    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)
+    return (vectors * np.sqrt(values)) @ vectors.T
 
 
 def jig_geometry(jig: Jig) -> tuple[Array, Array]:

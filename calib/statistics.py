@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.array_types import Array
+from calib.array_types import Array, IndexArray
 
 MAD_TO_SIGMA = 1.4826  # of normal numbers: sigma over the median of their absolute deviations
 
@@ -17,7 +17,7 @@ def mad_sigma(deviations: Array) -> float:
 
 def mad_sigmas(values: Array) -> Array:
     """Robust sigma (n,) of each column of values (N, n) about its median: 1.4826 MAD."""
-    return np.asarray(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
+    return MAD_TO_SIGMA * np.median(np.abs(values - np.median(values, axis=0)), axis=0)
 
 
 def rms(values: ArrayLike) -> float:
@@ -35,13 +35,34 @@ def axis_sigma(covariances: Array) -> float:
     return float(np.sqrt(np.mean(np.trace(covariances, axis1=1, axis2=2)) / 3.0))
 
 
+def group_sums(values: Array, group: IndexArray, groups: int) -> Array:
+    """Sums (G, ...) over each group of values (M, ...), zero where a group has none; `group` (M,) numbers them."""
+    total = np.zeros((groups, *values.shape[1:]))
+    np.add.at(total, group, values)
+    return total
+
+
+def group_means(values: Array, group: IndexArray, groups: int, *, empty: float = 0.0) -> Array:
+    """Means (G, ...) over each group of values (M, ...), `empty` where a group has none; `group` (M,) numbers them."""
+    count = np.bincount(group, minlength=groups).reshape(-1, *[1] * (values.ndim - 1))
+    return np.where(count > 0, group_sums(values, group, groups) / np.maximum(count, 1), empty)
+
+
+def ranks(values: Array, same: float) -> IndexArray:
+    """Ranks (N,) of values; neighbours in size that differ by no more than `same` have equal rank."""
+    order = np.argsort(values, kind="stable")
+    out = np.empty(len(values), dtype=np.int64)
+    out[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > same)])
+    return out
+
+
 def left_out_by(hat: Array) -> Array:
     """Matrices 1 - H (..., n, n) whose inverses turn residuals of rows into their errors where a fit leaves them out.
 
     H is the rows' block of the hat matrix. Rows that alone determine a direction make 1 - H singular; a floor keeps
     their error finite.
     """
-    return np.asarray((1.0 + 1e-9) * np.eye(hat.shape[-1]) - hat)
+    return (1.0 + 1e-9) * np.eye(hat.shape[-1]) - hat
 
 
 def covariance_root(covariance: Array) -> Array:
@@ -49,4 +70,4 @@ def covariance_root(covariance: Array) -> Array:
     scale = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     size, turn = np.linalg.eigh(inverse[:, None] * covariance * inverse)
-    return np.asarray(scale[:, None] * turn * np.sqrt(np.clip(size, 0.0, None)))
+    return scale[:, None] * turn * np.sqrt(np.clip(size, 0.0, None))

@@ -87,7 +87,7 @@ def fit_measured(
 def _seen_from_anchors(calibration: Calibration) -> Array:
     """Predicted places (M, 3), mm from their anchors, of all targets whose lengths a calibration's dataset has."""
     dataset, frames_of = calibration.dataset, calibration.after.scanner_T_base
-    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    observed = Observations.of_all(dataset)
     base_mm = predict_points(calibration.model, calibration.fit.x, observed)
     placed = np.stack([frames_of[str(name)] for name in observed.setup])
     return np.einsum("mij,mj->mi", placed[:, :3, :3], base_mm) + placed[:, :3, 3]

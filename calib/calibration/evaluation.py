@@ -118,7 +118,7 @@ def scanner_T_base_of_poses(evaluation: Evaluation, model: Model, x: Array, pose
     placed = np.stack([found.get(str(name), unknown) for name in poses.setup])
     if not model.robot.carries_scanner:
         return placed
-    return np.asarray(placed @ frames.invert(model.state(x, poses).base_T_flange))
+    return placed @ frames.invert(model.state(x, poses).base_T_flange)
 
 
 def scanner_T_base_of_points(evaluation: Evaluation, model: Model, x: Array, dataset: Dataset) -> Array:
@@ -126,7 +126,7 @@ def scanner_T_base_of_points(evaluation: Evaluation, model: Model, x: Array, dat
     assert dataset.points is not None
     if dataset.points.lengths is None:
         return scanner_T_base_of_poses(evaluation, model, x, dataset.poses)[dataset.points.pose]
-    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    observed = Observations.of_all(dataset)
     return np.stack([evaluation.scanner_T_base[str(name)] for name in observed.setup])
 
 
@@ -143,7 +143,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
     A setup without training poses gets its frame from its own test poses, with a note, as its errors are then the
     scatter about its own best frame and no prediction.
     """
-    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    observed = Observations.of_all(dataset)
     is_outlier = in_repeat_groups_of(dataset, outliers) if outliers else None
     trained = ~dataset.poses.is_test[observed.points.pose]
     if is_outlier is not None:
@@ -222,4 +222,4 @@ class _Distances:
 
     def error_mm(self, base_mm: Array) -> Array:
         """Errors (K,) of the distances, predicted minus measured, mm, for predicted points (M, 3)."""
-        return np.asarray(np.linalg.norm(base_mm[self.far] - base_mm[self.near], axis=1) - self.measured_mm)
+        return np.linalg.norm(base_mm[self.far] - base_mm[self.near], axis=1) - self.measured_mm

@@ -161,8 +161,7 @@ def _whitened(
     root = np.empty((count, coordinates, len(fit.x)))
     own: list[Array] = []
     spent = 0
-    for setup in map(str, np.unique(observed.setup)):
-        rows = np.flatnonzero(observed.setup == setup)
+    for setup, rows in observed.rows_of_setups().items():
         scanner_T_base = after.scanner_T_base[setup]
         seen_mm = frames.apply(scanner_T_base, at_mm[rows])
         missed = np.einsum("mij,mj->mi", whiten[rows], seen_mm - observed.points.xyz_mm[rows])

@@ -13,11 +13,12 @@ from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import Evaluation, scanner_T_base_of_points, scanner_T_base_of_poses
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
-from calib.fitting.observations import Observations, mean_by_pose, with_observed_targets
+from calib.fitting.observations import Observations, with_observed_targets
 from calib.fitting.tool_point import tool_point_in_nominal
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import with_own_tool_point
 from calib.options import FitOptions
+from calib.statistics import group_means
 
 NOMINAL, LINKS, EFFECTS = "nominal", "link errors", "with effects"
 VERSIONS = (NOMINAL, LINKS, EFFECTS)
@@ -62,7 +63,7 @@ class Version:
     def _mean_by_pose(self, values: Array) -> Array:
         """Mean by pose (N, ...) of values by measured point (M, ...)."""
         poses = len(self.calibration.dataset.poses)
-        return mean_by_pose(values, self.evaluation.pose, poses, empty=float("nan"))
+        return group_means(values, self.evaluation.pose, poses, empty=float("nan"))
 
 
 def versions(calibration: Calibration, links: Calibration | None = None) -> tuple[Version, ...]:

@@ -31,7 +31,7 @@ class Mount(Brief):
     @property
     def xyz_mm(self) -> Array:
         """Place (3,) of the scanner's origin in the flange's frame, mm."""
-        return np.asarray(self.flange_T_scanner[:3, 3])
+        return self.flange_T_scanner[:3, 3]
 
     @property
     def rpy_rad(self) -> Array:
@@ -54,7 +54,7 @@ class CameraPlace(Brief):
     @property
     def xyz_mm(self) -> Array:
         """Place (3,) of the camera's origin, mm, in the parent's frame."""
-        return np.asarray(self.parent_T_camera[:3, 3])
+        return self.parent_T_camera[:3, 3]
 
     @property
     def rpy_rad(self) -> Array:

@@ -31,19 +31,23 @@ class OrientationErrors:
     test: OrientationFigures | None
 
 
+def residuals_of_all_poses(model: Model, x: Array, fitted: Dataset, dataset: Dataset) -> tuple[PoseResiduals, Array]:
+    """Residuals of a dataset's poses, test poses too, and errors (M, 6), by frames of the poses that were fitted."""
+    training = with_nominal_scanner_frames(Observations.of(fitted), model.placed_robot)  # as the fit had it
+    placed = PoseResiduals(model, training).frames_and_hand_eye(x)
+    everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
+    residuals = PoseResiduals(model, replace(everything, scanner_T_base=training.scanner_T_base))
+    return residuals, residuals.errors(placed, *predict_poses(model, x, residuals.observed))
+
+
 def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> OrientationErrors:
     """Errors of the jig's orientation at parameters x (P,); setups without training poses are left out.
 
     Raises FitError where no training pose has an orientation, or orientations have no covariance.
     """
-    training = with_nominal_scanner_frames(Observations.of(dataset), model.placed_robot)  # as the fit had it
-    placed = PoseResiduals(model, training).frames_and_hand_eye(x)
-    everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
-    everything = replace(everything, scanner_T_base=training.scanner_T_base)
-    residuals = PoseResiduals(model, everything)
-    base_mm, attitude = predict_poses(model, x, everything)
-    angle = np.linalg.norm(residuals.errors(placed, base_mm, attitude)[:, 3:], axis=1)
-    is_test = dataset.poses.is_test[everything.points.pose]
+    residuals, errors = residuals_of_all_poses(model, x, dataset, dataset)
+    angle = np.linalg.norm(errors[:, 3:], axis=1)
+    is_test = dataset.poses.is_test[residuals.observed.points.pose]
 
     def figures(rows: BoolArray) -> OrientationFigures | None:
         off = angle[rows & residuals.has_orientation]

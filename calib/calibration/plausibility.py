@@ -59,8 +59,7 @@ def implausibility_reason(calibration: Calibration) -> str:
 
 def beyond_nature(calibration: Calibration) -> str:
     """Clause that names a fitted effect far beyond its natural bound; "" where there is none."""
-    fit = calibration.fit
-    fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    fitted = calibration.fit.by_name
     for effect in calibration.model.added_effects:
         for parameter in effect.parameters:
             size, sigma = fitted.get(full_name(effect, parameter), (0.0, np.inf))

@@ -19,9 +19,10 @@ from calib.distributions import chi2_ppf
 from calib.effects.gravity import loaded_joints
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, linearise_points, mean_by_pose, sum_by_pose, with_scanner_frames
+from calib.fitting.observations import Observations, linearise_points, with_scanner_frames
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
+from calib.statistics import group_means, group_sums
 
 
 def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
@@ -110,7 +111,7 @@ class PoseErrors:
     @property
     def error_length_mm(self) -> Array:
         """Length (N,) of the 3D error, mm."""
-        return np.asarray(np.linalg.norm(self.error_mm, axis=1))
+        return np.linalg.norm(self.error_mm, axis=1)
 
     @property
     def length_noise_mm(self) -> float:
@@ -152,7 +153,7 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
     errors do not add up.
     """
     dataset, level = calibration.dataset, noise_level(calibration)
-    everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    everything = Observations.of_all(dataset)
     trained = ~dataset.poses.is_test[everything.points.pose]
     if evaluation.is_outlier is not None:
         trained &= ~evaluation.is_outlier[everything.points.pose]
@@ -165,8 +166,8 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
     apparent = np.zeros((len(poses), model.robot.n_joints))
     noise = np.full_like(apparent, np.nan)
     for j, direction in enumerate(directions_at(model, x, observed, whiten @ scanner_T_base[:, :3, :3])):
-        along = sum_by_pose(np.sum(direction * raw, axis=1), row, len(poses))
-        size = sum_by_pose(np.sum(direction**2, axis=1), row, len(poses))
+        along = group_sums(np.sum(direction * raw, axis=1), row, len(poses))
+        size = group_sums(np.sum(direction**2, axis=1), row, len(poses))
         # A joint whose axis passes close to the point moves it little: its apparent motion would be noise.
         usable = size > 1e-4 * max(float(size.max()), 1e-300)
         apparent[usable, j] = -along[usable] / size[usable]
@@ -176,8 +177,8 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
     return PoseErrors(
         pose_ids=poses.ids,
         is_test=poses.is_test,
-        error_mm=mean_by_pose(error_mm, row, len(poses)),
-        place_mm=mean_by_pose(base_mm, row, len(poses)),
+        error_mm=group_means(error_mm, row, len(poses)),
+        place_mm=group_means(base_mm, row, len(poses)),
         noise=level,
         apparent_joint_error=apparent,
         inputs=inputs_at(model.robot, poses, model.state(x, poses, observed.seen(observed.first_target))),
@@ -219,4 +220,4 @@ def _gaps(x: Array) -> IndexArray:
     steps = np.diff(x)
     levels = np.count_nonzero(steps) + 1
     share = 0.0 if levels <= 4 else float(np.clip(1.5 * np.log(levels) / levels, 0.05, 0.35))
-    return np.asarray(np.flatnonzero(steps > share * np.sum(steps)) + 1)
+    return np.flatnonzero(steps > share * np.sum(steps)) + 1

@@ -111,7 +111,7 @@ def promised_at_points(fit: FitUncertainty, dataset: Dataset, evaluation: Evalua
     That of a training pose, too, is the one of a pose that the fit did not see.
     """
     poses = dataset.poses
-    observed = Observations.of(dataset, np.ones(len(poses), dtype=bool))
+    observed = Observations.of_all(dataset)
     fitted = ~poses.is_test[observed.points.pose]
     if evaluation.is_outlier is not None:
         fitted &= ~evaluation.is_outlier[observed.points.pose]
@@ -170,8 +170,7 @@ def _rows(fit: FitUncertainty, observed: Observations, fitted: BoolArray) -> _Ro
     columns = np.empty_like(by_x)
     noise = fit.single_ratio**2 * observed.covariance_mm2
     own: list[Array] = []
-    for setup in map(str, np.unique(observed.setup)):
-        rows = np.flatnonzero(observed.setup == setup)
+    for setup, rows in observed.rows_of_setups().items():
         scanner_T_base = observed.scanner_T_base[setup]
         has_own = not fitted[rows].any()
         chosen = np.ones(len(rows), dtype=bool) if has_own else fitted[rows]

@@ -9,8 +9,9 @@ from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.dataset.input_names import PLACES, further_inputs, joint_input
-from calib.fitting.observations import Observations, mean_by_pose, points_by_pose
+from calib.fitting.observations import Observations
 from calib.lazy_modules import pd
+from calib.statistics import group_means
 
 
 def residual_table(calibration: Calibration) -> pd.DataFrame:
@@ -22,14 +23,14 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
     """
     pose_errors = pose_errors_of(calibration)
     dataset = calibration.dataset
-    everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    everything = Observations.of_all(dataset)
     poses, row = everything.used_poses
-    measured_mm = mean_by_pose(everything.points.xyz_mm, row, len(poses))
+    measured_mm = group_means(everything.points.xyz_mm, row, len(poses))
     columns: dict[str, object] = {
         "pose": poses.ids,
         "role": poses.role,
         "setup": poses.setup,
-        "points": points_by_pose(row, len(poses)),
+        "points": np.bincount(row, minlength=len(poses)),
     }
     for name, values in (
         ("error", pose_errors.error_mm),

@@ -217,4 +217,4 @@ def prediction_covariance_at(calibration: Calibration, poses: Poses, setup: str 
     motion = frames.frame_motion(frames.apply(scanner_T_base, points_mm), known.centre_mm)
     rows = np.concatenate([scanner_T_base[:3, :3] @ by_q, motion], axis=-1)
     spread = rows @ covariance_root(known.covariance)
-    return np.asarray(spread @ np.swapaxes(spread, 1, 2))
+    return spread @ np.swapaxes(spread, 1, 2)

@@ -45,7 +45,7 @@ class FitKnowledge:
         variance = np.einsum("nip,pq,niq->n", rows, self.covariance, rows) / 3.0 + self.residual_mm**2
         if self.discrepancy is not None:
             variance = variance + self.discrepancy.variance_mm2(poses.q)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+        return np.sqrt(np.maximum(variance, 0.0))
 
     def attitude_sigma_rad(self, model: Model, x: Array, poses: Poses) -> Array:
         """Standard deviation (N,), rad, of the calibrated tool's attitude (3D turn) at each of N poses."""
@@ -58,7 +58,7 @@ class FitKnowledge:
         common, around = self._common(freed, at, poses), self._turns(freed, at, poses)
         turn = around[0] - around[1] @ common
         variance = np.einsum("nip,pq,niq->n", turn, covariance, turn)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+        return np.sqrt(np.maximum(variance, 0.0))
 
     def _common(self, model: Model, x: Array, poses: Poses) -> Array:
         """Derivative (3 or 6, P), by the parameters, of the turn of base (and tool) that nearby postures share."""
@@ -101,4 +101,4 @@ def _around(model: Model, poses: Poses) -> Poses:
 def _shared(moves: Array, columns: Array) -> Array:
     """Derivatives (K, P) of the K shared motions with `columns` (N, 3, K) that best follow `moves` (N, 3, P)."""
     stacked = columns.reshape(-1, columns.shape[-1])
-    return np.asarray(np.linalg.pinv(stacked, rcond=1e-9) @ moves.reshape(len(stacked), -1))
+    return np.linalg.pinv(stacked, rcond=1e-9) @ moves.reshape(len(stacked), -1)

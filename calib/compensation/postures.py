@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.compensation.target_correction import joint_limits, plain_poses
+from calib.compensation.target_correction import plain_poses
 from calib.compensation.tool_problem import ToolProblem
 from calib.fitting.model import geometric_model
 from calib.kinematics import chain as kinematics
 from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
+from calib.kinematics.joint_range import joint_limits
 from calib.kinematics.robot import Robot
 
 REACHED_MM, REACHED_RAD = 1e-6, 1e-9
@@ -51,14 +52,14 @@ class Posture:
 def flange_frames(robot: Robot, q: Array) -> Array:
     """Transforms base_T_flange (N, 4, 4) of the nominal arm: the frame of its last joint, without the tool's row."""
     frames = kinematics.forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame
-    return np.asarray(frames[:, -2])
+    return frames[:, -2]
 
 
 def tool_row(robot: Robot) -> Array:
     """Transform flange_T_tool (4, 4) of the tool in robot.toml."""
     q = np.zeros((1, robot.n_joints))
     frames = kinematics.forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[0]
-    return np.asarray(np.linalg.inv(frames[-2]) @ frames[-1])
+    return np.linalg.inv(frames[-2]) @ frames[-1]
 
 
 def postures_at(robot: Robot, places: Sequence[Place]) -> list[Posture]:

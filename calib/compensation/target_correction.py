@@ -44,6 +44,7 @@ from calib.fitting.model import Model, geometric_model
 from calib.kinematics import chain as kinematics
 from calib.kinematics.cartesian import require_links
 from calib.kinematics.inverse import solve_inverse
+from calib.kinematics.joint_range import joint_limits
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.options import CORRECTION_KINDS
 
@@ -237,13 +238,6 @@ def _check(nominal: Robot, model: Model, q: Array, conditions: Poses | None) -> 
         )
     if conditions is not None and len(conditions) != len(q):
         raise FitError(f"found conditions of {len(conditions)} targets for {len(q)} joint vectors")
-
-
-def joint_limits(robot: Robot) -> tuple[Array, Array]:
-    """Least and largest value (n,) of each joint, rad or mm; infinite where robot.toml has no limit."""
-    low = np.array([-np.inf if joint.min is None else joint.min for joint in robot.joints])
-    high = np.array([np.inf if joint.max is None else joint.max for joint in robot.joints])
-    return low, high
 
 
 def plain_poses(q: Array) -> Poses:

@@ -47,7 +47,7 @@ class JointReading:
 
     def of(self, q: Array) -> Array:
         """Joint values (N, n), rad or mm, interpreted from a file's values."""
-        return np.asarray(q[:, list(self.order)] * np.array(self.signs) + np.array(self.offsets_rad))
+        return q[:, list(self.order)] * np.array(self.signs) + np.array(self.offsets_rad)
 
 
 def simple_readings(is_revolute: BoolArray) -> tuple[JointReading, ...]:

@@ -66,7 +66,7 @@ def _best_mm(robot: Robot, sample: Sample) -> float:
     def off(p: Array) -> Array:
         mine = ends[:, :3, 3] + ends[:, :3, :3] @ (scale * p[6:])
         frame = make_transform(rotation_from_rotvec(p[:3]), scale * p[3:6])
-        return np.asarray((mine @ frame[:3, :3].T + frame[:3, 3] - seen).ravel() / scale)
+        return (mine @ frame[:3, :3].T + frame[:3, 3] - seen).ravel() / scale
 
     starts = [
         np.concatenate([turn, np.zeros(6)]) for turn in np.vstack([np.zeros(3), 2.0 * np.eye(3), -2.0 * np.eye(3)])

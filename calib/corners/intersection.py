@@ -156,7 +156,7 @@ def intersection_covariance(normals: Array, height_covariance_mm2: Array) -> Arr
     to first order a plane moves the apex by its height there and by nothing else.
     """
     inverse = np.linalg.inv(normals)
-    return np.asarray(inverse @ height_covariance_mm2 @ inverse.T)
+    return inverse @ height_covariance_mm2 @ inverse.T
 
 
 def moved_corner(corner: Corner, moves: Array, covariance: Array) -> Corner:

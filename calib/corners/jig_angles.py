@@ -94,12 +94,12 @@ class _ScanAngles:
     @property
     def turned_rad(self) -> Array:
         """Angles (K, P, 3) in each order."""
-        return np.asarray(self.off_rad[np.arange(len(self.off_rad))[:, None, None], self.orders])
+        return self.off_rad[np.arange(len(self.off_rad))[:, None, None], self.orders]
 
     def turned_covariance(self, scale: float) -> Array:
         """Covariances (K, P, 3, 3) in each order, times a factor."""
         rows = np.arange(len(self.off_rad))[:, None, None, None]
-        return np.asarray(scale * self.covariance_rad2[rows, self.orders[..., :, None], self.orders[..., None, :]])
+        return scale * self.covariance_rad2[rows, self.orders[..., :, None], self.orders[..., None, :]]
 
     def in_own_order(self, share: Array, each: Array, covariance: Array) -> tuple[Array, Array]:
         """Means (K, 3) and covariances (K, 3, 3) over the orders, with probabilities `share` (K, P).
@@ -184,7 +184,7 @@ def _with_angles(corner: Corner, angles_rad: Array, covariance_rad2: Array) -> C
 def _by_planes(corner: Corner) -> Array:
     """Derivatives (3, 9) of the angles between a corner's faces by the heights and slopes of its planes."""
     sine = np.sin(np.radians(fitted_angles_deg(corner.faces)))
-    return np.asarray(angle_derivative(corner.faces) / sine[:, None])
+    return angle_derivative(corner.faces) / sine[:, None]
 
 
 def _doubt_of(angles: JigAngles, jig: Jig) -> tuple[str, ...]:
@@ -291,7 +291,7 @@ def _common(scans: _ScanAngles, scale: float) -> _Common:
 
 def _squares(away: Array, weight: Array) -> Array:
     """Squared deviations (K, P), from (K, P, 3) and inverse covariances (K, P, 3, 3)."""
-    return np.asarray(np.einsum("kpi,kpij,kpj->kp", away, weight, away))
+    return np.einsum("kpi,kpij,kpj->kp", away, weight, away)
 
 
 def _apart(scans: _ScanAngles, scale: float, deviation: float) -> _Component:

@@ -141,7 +141,7 @@ class Planes:
     @cached_property
     def squared_mm2(self) -> Array:
         """Squared distances (V,) of the thinned points from the scanner."""
-        return np.asarray(np.einsum("vi,vi->v", self.around.points_mm, self.around.points_mm))
+        return np.einsum("vi,vi->v", self.around.points_mm, self.around.points_mm)
 
     @cached_property
     def triples(self) -> list[FaceTriple]:

@@ -18,7 +18,7 @@ from calib.planes.robust_fit import PlaneFit, height_lever
 def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: Array) -> Array:
     """Covariance (3, 3), mm^2, of the three planes' heights at one point (3,), from the planes' covariance (9, 9)."""
     lever = height_lever(planes, point_mm)
-    return np.asarray(lever @ covariance @ lever.T)
+    return lever @ covariance @ lever.T
 
 
 def quality_figures(

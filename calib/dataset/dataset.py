@@ -152,7 +152,7 @@ class Poses(Brief):
     @property
     def is_test(self) -> BoolArray:
         """Mask (N,) of the test poses, which no fit sees; all others, the reference too, are for training."""
-        return np.asarray(self.role == "test")
+        return self.role == "test"
 
     def select(self, rows: IndexArray) -> Poses:
         """Some of the poses, in the order of `rows` (K,)."""

@@ -229,7 +229,7 @@ def _by_payload(readings: _Readings, joint: int) -> Array:
     """Torque (N,) about a joint by a payload of 1 kg."""
     one_kg = np.ones(len(readings.poses))
     columns = statics_columns(readings.robot, readings.chain, joint, one_kg)[:, -PER_LINK:]
-    return np.asarray(columns @ masses_and_moments(readings.robot, joint)[-PER_LINK:])
+    return columns @ masses_and_moments(readings.robot, joint)[-PER_LINK:]
 
 
 def _is_doubtful(load: MeasuredLoad, largest_nm: float) -> bool:

@@ -19,6 +19,7 @@ from calib.dataset.signals import is_signal, joints_of_other_bodies, named_tempe
 from calib.distributions import chi2_sf
 from calib.lazy_modules import pd
 from calib.rendering import numbers
+from calib.statistics import group_means, group_sums, ranks
 
 SAME_JOINT = 1e-6  # deg, or mm of a prismatic joint: joint values that differ by less are the same
 SAME_TEMPERATURE_C = 0.2  # accuracy of a reading of the arm's temperature
@@ -31,26 +32,18 @@ _MOST_NAMED = 5  # poses named in a warning
 def groups_by_condition(poses: Poses) -> IndexArray:
     """Number (N,) of each pose's group: equal joints of all bodies, setup, payload, approach and temperatures."""
     q_deg = np.degrees(poses.q)  # for a prismatic joint this only makes the comparison stricter
-    columns = [_levels(values, SAME_JOINT) for values in q_deg.T]
+    columns = [ranks(values, SAME_JOINT) for values in q_deg.T]
     columns.append(np.unique(poses.setup, return_inverse=True)[1])
     if poses.payload_kg is not None:
-        columns.append(_levels(poses.payload_kg, 1e-9))
+        columns.append(ranks(poses.payload_kg, 1e-9))
     if poses.approach is not None:
-        columns += [_levels(values, 0.5) for values in poses.approach.T]
-    columns += [_levels(values, SAME_JOINT) for values in joints_of_other_bodies(poses).values()]
+        columns += [ranks(values, 0.5) for values in poses.approach.T]
+    columns += [ranks(values, SAME_JOINT) for values in joints_of_other_bodies(poses).values()]
     alike = np.asarray(np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1))
     own = [] if poses.temperature_c is None else [poses.temperature_c]
     for temperature_c in (*own, *named_temperatures(poses).values()):
         alike = _split_by_temperature(alike, temperature_c)
     return alike
-
-
-def _levels(values: Array, same: float) -> IndexArray:
-    """Ranks (N,) of values; neighbours in size that differ by no more than `same` have equal rank."""
-    order = np.argsort(values, kind="stable")
-    ranks = np.empty(len(values), dtype=np.int64)
-    ranks[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > same)])
-    return ranks
 
 
 def _split_by_temperature(group: IndexArray, temperature_c: Array) -> IndexArray:
@@ -105,22 +98,14 @@ def _visits_differ(dataset: Dataset, group: IndexArray, visit: IndexArray) -> bo
     dof = 3 * (len(keys) - len(place))
     if dof == 0:
         return False
-    mean_mm = _group_sums(points.xyz_mm, of_visit.reshape(-1), len(keys)) / repeats[:, None]
+    mean_mm = group_sums(points.xyz_mm, of_visit.reshape(-1), len(keys)) / repeats[:, None]
     of_place = of_place.reshape(-1)
-    weight = _group_sums(sigma2, of_visit.reshape(-1), len(keys)) ** -1.0 * repeats**2
+    weight = group_sums(sigma2, of_visit.reshape(-1), len(keys)) ** -1.0 * repeats**2
     centre_mm = (
-        _group_sums(weight[:, None] * mean_mm, of_place, len(place))
-        / _group_sums(weight, of_place, len(place))[:, None]
+        group_sums(weight[:, None] * mean_mm, of_place, len(place)) / group_sums(weight, of_place, len(place))[:, None]
     )
     square = float(np.sum(weight * np.sum((mean_mm - centre_mm[of_place]) ** 2, axis=1)))
     return chi2_sf(square / SIGMA_DOUBT**2, dof) < _TIME_MATTERS
-
-
-def _group_sums(values: Array, group: IndexArray, groups: int) -> Array:
-    """Sums (G, ...) over each group of values (M, ...)."""
-    total = np.zeros((groups, *values.shape[1:]))
-    np.add.at(total, group, values)
-    return total
 
 
 def average_repeats(dataset: Dataset) -> Dataset:
@@ -176,26 +161,18 @@ def _mean_points(points: Points, group: IndexArray, first: IndexArray) -> Points
     keys = np.column_stack([group, np.round(points.xyz_mm, SAME_DIGITS)])
     different = np.sort(np.unique(keys, axis=0, return_index=True)[1])
     measured = np.bincount(group[different], minlength=len(first))
-    mean_mm = _group_sums(points.xyz_mm[different], group[different], len(first)) / measured[:, None]
+    mean_mm = group_sums(points.xyz_mm[different], group[different], len(first)) / measured[:, None]
     counts_as = np.minimum(measured, max(int(np.median(measured)), 1)).astype(float)
     return Points(
         pose=points.pose[first],
         xyz_mm=mean_mm,
         target=points.target[first],
-        covariance_mm2=None if covariance is None else _group_means(covariance, group, len(first)),
+        covariance_mm2=None if covariance is None else group_means(covariance, group, len(first)),
         orientations=_mean_orientations(points.orientations, group, counts_as),
         counts_as=counts_as,
-        shared=None if points.shared is None else _group_means(points.shared, group, len(first)),
+        shared=None if points.shared is None else group_means(points.shared, group, len(first)),
         shared_found=points.shared_found,
     )
-
-
-def _group_means(values: Array, group: IndexArray, groups: int, used: BoolArray | None = None) -> Array:
-    """Means (G, ...) over each group of the values (M, ...) that are `used` (M,); nan where a group has none."""
-    used = np.ones(len(group), dtype=bool) if used is None else used
-    count = np.bincount(group[used], minlength=groups).astype(float)
-    count[count == 0.0] = np.nan
-    return _group_sums(values[used], group[used], groups) / count.reshape(-1, *[1] * (values.ndim - 1))
 
 
 def _mean_orientations(orientations: Orientations | None, group: IndexArray, counts_as: Array) -> Orientations | None:
@@ -203,7 +180,7 @@ def _mean_orientations(orientations: Orientations | None, group: IndexArray, cou
     if orientations is None:
         return None
     known, groups = orientations.known, len(counts_as)
-    total = _group_means(orientations.scanner_R_jig, group, groups, known)
+    total = group_means(orientations.scanner_R_jig[known], group[known], groups, empty=np.nan)
     mean = np.full_like(total, np.nan)
     there = np.isfinite(total).all(axis=(1, 2))
     number = np.bincount(group[known], minlength=groups)
@@ -214,12 +191,12 @@ def _mean_orientations(orientations: Orientations | None, group: IndexArray, cou
     covariance, cross = orientations.covariance_rad2, orientations.cross_mm_rad
     if covariance is not None:  # from fewer repeats than the point's where some have no orientation
         fewer = counts_as / np.clip(number, 1, counts_as)
-        covariance = fewer[:, None, None] * _group_means(covariance, group, groups, known)
+        covariance = fewer[:, None, None] * group_means(covariance[known], group[known], groups, empty=np.nan)
     return replace(
         orientations,
         scanner_R_jig=mean,
         covariance_rad2=covariance,
-        cross_mm_rad=None if cross is None else _group_means(cross, group, groups, known),
+        cross_mm_rad=None if cross is None else group_means(cross[known], group[known], groups, empty=np.nan),
     )
 
 
@@ -230,7 +207,7 @@ def _mean_conditions(poses: Poses, sides: IndexArray, measured: IndexArray, at: 
         if values is None:
             return None
         averaged = np.array(values, dtype=float)
-        means = _group_means(averaged[measured], sides[measured], int(sides.max()) + 1)
+        means = group_means(averaged[measured], sides[measured], int(sides.max()) + 1, empty=np.nan)
         several = measured[np.bincount(sides[measured])[sides[measured]] > 1]
         averaged[at[several]] = means[sides[several]]
         return averaged

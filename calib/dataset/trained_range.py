@@ -40,7 +40,7 @@ class TrainedRange:
         low, high = np.array(self.low), np.array(self.high)
         least = np.where(robot.is_revolute, _LEAST_RAD, _LEAST_MM)
         margin = np.maximum(_SHARE * (high - low), least)
-        return np.asarray((q < low - margin) | (q > high + margin))
+        return (q < low - margin) | (q > high + margin)
 
     def outside(self, robot: Robot, q: Array) -> BoolArray:
         """Mask (N,) of the joint vectors q (N, n) with any joint beyond its range by more than a tenth of it."""

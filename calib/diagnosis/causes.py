@@ -41,8 +41,7 @@ class MainValue:
 
 def main_value(member: Effect, calibration: Calibration) -> MainValue | None:
     """Main value of an effect on one joint as fitted; None where none of its parameters was fitted."""
-    fit = calibration.fit
-    fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    fitted = calibration.fit.by_name
     known = [p for p in member.parameters if full_name(member, p) in fitted]
     if not known:
         return None
@@ -156,8 +155,7 @@ class FittedValue:
 
 def fitted_values(candidate: Candidate, calibration: Calibration) -> tuple[FittedValue, ...]:
     """The fitted parameters of an effect that are known to better than half their size, the surest first."""
-    parameters, fit = parameters_by_name(candidate.members), calibration.fit
-    fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    parameters, fitted = parameters_by_name(candidate.members), calibration.fit.by_name
     known = []
     for value in candidate.values:
         size, sigma = fitted.get(value.name, (0.0, np.inf))

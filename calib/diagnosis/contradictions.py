@@ -33,8 +33,7 @@ def contradictions(
         claimed: effects that the diagnosis claims.
         rivals: effects that could explain what the pairs show, which these refute where they do not prove them.
     """
-    fit = last.fit
-    fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    fitted = last.fit.by_name
     proven = {proof.effect for proof in proofs}
     instead = tuple(name for name in claimed if name in rivals and name not in proven)
     out = []

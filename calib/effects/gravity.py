@@ -83,7 +83,7 @@ class GravityLoads:
         """Gravity's moment (N, 3), N m, about points (N, 3), by all masses on the frames beyond a given one."""
         mass, first_moment = (of_frame[beyond + 1] for of_frame in self.carried)
         lever = (first_moment - mass[:, None] * origin_mm) * 1e-3  # (N, 3) kg m
-        return np.asarray(lever @ frames.skew(self.robot.gravity_m_s2))  # each row lever x g
+        return lever @ frames.skew(self.robot.gravity_m_s2)  # each row lever x g
 
     @cached_property
     def joint_torques(self) -> Array:
@@ -112,12 +112,12 @@ class GravityLoads:
         if not self.robot.joints[joint].is_revolute:
             return (axis @ self._gravity_m_s2)[:, None]
         lever_mm = self.chain.base_T_frame[:, joint + 1 :, :3, 3] - origin_mm[:, None]  # (N, K, 3)
-        return np.asarray(np.einsum("ni,nki->nk", axis, np.cross(lever_mm * 1e-3, self._gravity_m_s2)))
+        return np.einsum("ni,nki->nk", axis, np.cross(lever_mm * 1e-3, self._gravity_m_s2))
 
     def held_torque(self, joint: int) -> Array:
         """Torque about a revolute joint by 1 kg held where the payload is: (N,) N m per kg."""
         axis, origin_mm = self._axis(joint)
-        return np.asarray(np.sum(axis * np.cross((self._payload_mm - origin_mm) * 1e-3, self._gravity_m_s2), axis=1))
+        return np.sum(axis * np.cross((self._payload_mm - origin_mm) * 1e-3, self._gravity_m_s2), axis=1)
 
     def payload_torque(self, joint: int) -> Array:
         """Torque of the payload alone about a joint: (N,) N m, or the force along a prismatic one, N."""
@@ -125,19 +125,19 @@ class GravityLoads:
         if self.payload_kg is None:
             return np.zeros(len(axis))
         if not self.robot.joints[joint].is_revolute:
-            return np.asarray((axis @ self._gravity_m_s2) * self.payload_kg)
-        return np.asarray(np.einsum("ni,ni->n", axis, self.payload_moment_about(origin_mm)))
+            return (axis @ self._gravity_m_s2) * self.payload_kg
+        return np.einsum("ni,ni->n", axis, self.payload_moment_about(origin_mm))
 
     def payload_moment_about(self, origin_mm: Array) -> Array:
         """Moment of the payload alone about points (3,) or (N, 3): (N, 3) N m."""
         lever_mm = self._payload_mm - origin_mm
         payload_kg = np.zeros(len(lever_mm)) if self.payload_kg is None else self.payload_kg
-        return np.asarray(np.cross(lever_mm * 1e-3, self._gravity_m_s2) * payload_kg[:, None])
+        return np.cross(lever_mm * 1e-3, self._gravity_m_s2) * payload_kg[:, None]
 
     @cached_property
     def unit_moments(self) -> Array:
         """Moment about the base's origin of 1 kg at each frame and at the tool point: (N, K, 3) N m per kg."""
-        return np.asarray(np.cross(self.chain.base_T_frame[:, 1:, :3, 3] * 1e-3, self._gravity_m_s2))
+        return np.cross(self.chain.base_T_frame[:, 1:, :3, 3] * 1e-3, self._gravity_m_s2)
 
     @cached_property
     def unit_bendings(self) -> list[tuple[Array, Array]]:
@@ -191,7 +191,7 @@ class GravityLoads:
         along = span_mm / np.maximum(length_mm, 1.0)  # a link without length does not bend
 
         def across(moment: Array) -> Array:
-            return np.asarray(moment - np.sum(moment * along, axis=1, keepdims=True) * along)
+            return moment - np.sum(moment * along, axis=1, keepdims=True) * along
 
         at_root, at_end = across(at_root), across(at_end)
         own = np.zeros_like(span_mm) if own is None else own

@@ -216,7 +216,7 @@ class RobotState(Brief):
         """True flange frame (N, 4, 4), including the base's turn and the displacement."""
         turn = frames.rotation_from_rotvec(self.base_rotvec_rad)
         moved = frames.make_transform(turn, self.displacement_mm)
-        return np.asarray(moved @ self.chain.base_T_flange)
+        return moved @ self.chain.base_T_flange
 
     @property
     def attitude(self) -> Array:
@@ -227,7 +227,7 @@ class RobotState(Brief):
         if self.robot.carries_scanner:
             into_chain = np.swapaxes(frames.rotation_from_rotvec(self.base_rotvec_rad), 1, 2)
             turned = frames.rotation_from_rotvec(self.target_rotvec_rad)
-            return np.asarray(np.swapaxes(self.chain.base_T_flange[:, :3, :3], 1, 2) @ into_chain @ turned)
+            return np.swapaxes(self.chain.base_T_flange[:, :3, :3], 1, 2) @ into_chain @ turned
         base_R_tool = self.chain.base_T_frame[:, -1, :3, :3]
         for rotvec in (self.base_rotvec_rad, self.target_rotvec_rad):
             if np.any(rotvec):

@@ -41,3 +41,8 @@ class Fit(Brief):
     def sigma(self) -> Array:
         """Standard deviation (P,) of each parameter, in its unit; inf where neither data nor prior bound it."""
         return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def by_name(self) -> dict[str, tuple[float, float]]:
+        """Value and standard deviation of each parameter, by its name."""
+        return {p.name: (float(x), float(s)) for p, x, s in zip(self.parameters, self.x, self.sigma, strict=True)}

@@ -46,14 +46,14 @@ def student_weights(square: Array, tail: float) -> Array:
     scale = student_scale(square, tail)
     weights = (tail + 3.0) / (tail + square / scale)
     size = min(float(np.mean(square)) / 3.0, tail / (tail - 2.0) * scale)
-    return np.asarray(weights * (size / scale))
+    return weights * (size / scale)
 
 
 def noise_factors(shape: NoiseShape, xyz_mm: Array) -> Array:
     """Factors (M, 3, 3) that multiply the declared noise of points (M, 3) in the scanner frame."""
     size, sight = _size_and_sight(shape, xyz_mm)
     along = np.eye(3) + (shape.depth - 1.0) * sight[:, :, None] * sight[:, None, :]
-    return np.asarray(size[:, None, None] * (np.array(shape.axes) @ along))
+    return size[:, None, None] * (np.array(shape.axes) @ along)
 
 
 def inverse_factors(shape: NoiseShape, xyz_mm: Array) -> tuple[Array, float]:
@@ -74,7 +74,7 @@ def _size_and_sight(shape: NoiseShape, xyz_mm: Array) -> tuple[Array, Array]:
 
 def shaped_covariance(factors: Array, covariance_mm2: Array) -> Array:
     """Covariances (M, 3, 3), mm^2: declared ones multiplied by `noise_factors` (M, 3, 3) from both sides."""
-    return np.asarray(factors @ covariance_mm2 @ np.swapaxes(factors, 1, 2))
+    return factors @ covariance_mm2 @ np.swapaxes(factors, 1, 2)
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def decorrelated(rows: Array, root: Array, order: IndexArray) -> Array:
 def _product(rows: Array) -> Array:
     """Sum rows^T rows (K, K) over points and axes of rows (M, 3, K)."""
     flat = rows.reshape(-1, rows.shape[2])
-    return np.asarray(flat.T @ flat)
+    return flat.T @ flat
 
 
 @dataclass(frozen=True)

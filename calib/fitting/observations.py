@@ -22,32 +22,7 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.hand_eye import HandEye, solve_hand_eye, with_world_targets
 from calib.kinematics.robot import Robot
 from calib.noise_shape import NoiseShape
-
-
-def sum_by_pose(values: Array, row: IndexArray, poses: int) -> Array:
-    """Sums (N, ...) over each pose's points of values (M, ...), zero where a pose has none.
-
-    row  # (M,) index of the pose of each point
-    """
-    total = np.zeros((poses, *values.shape[1:]))
-    np.add.at(total, row, values)
-    return total
-
-
-def mean_by_pose(values: Array, row: IndexArray, poses: int, *, empty: float = 0.0) -> Array:
-    """Means (N, ...) over each pose's points of values (M, ...); `empty` for a pose without points.
-
-    `row` (M,) is the pose of each value.
-    """
-    count = points_by_pose(row, poses).reshape(-1, *[1] * (values.ndim - 1))
-    mean = sum_by_pose(values, row, poses) / np.maximum(count, 1)
-    return np.asarray(np.where(count > 0, mean, empty))
-
-
-def points_by_pose(row: IndexArray, poses: int) -> IndexArray:
-    """Number (N,) of points of each pose, for points whose poses are given by row (M,)."""
-    return np.bincount(row, minlength=poses)
-
+from calib.statistics import group_means
 
 UNDECLARED_SIGMA_MM = 1.0
 """Sigma of a point where none is declared; then only ratios of sigmas matter."""
@@ -104,6 +79,15 @@ class Observations(Brief):
         observed = cls(dataset.poses, points, covariance, turn_covariance_rad2=turns, carried_by=arm, noise_floor=floor)
         return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
+    @classmethod
+    def of_all(cls, dataset: Dataset) -> Observations:
+        """Observations of the dataset's points at all poses, test poses too."""
+        return cls.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+
+    def rows_of_setups(self) -> Mapping[str, IndexArray]:
+        """Rows of the points of each setup, by its name."""
+        return {str(name): np.flatnonzero(self.setup == name) for name in np.unique(self.setup)}
+
     def select(self, keep: BoolArray) -> Observations:
         """Observations restricted to the points where `keep` (M,) is True, without scanner frames."""
         turns = self.turn_covariance_rad2
@@ -131,7 +115,7 @@ class Observations(Brief):
             return whiten
         along = self.points.lengths.direction
         variance = np.einsum("mi,mij,mj->m", along, self.covariance_mm2, along)
-        return np.asarray((along / np.sqrt(variance)[:, None])[:, None, :])
+        return (along / np.sqrt(variance)[:, None])[:, None, :]
 
     def fit_frame(self, base_mm: Array, rows: ArrayLike) -> Array:
         """Scanner frame (4, 4) of some points, a mask (M,) or row numbers, fitted to predicted points (M, 3)."""
@@ -153,7 +137,7 @@ class Observations(Brief):
         if lengths is None:
             return error_mm
         along = lengths.direction[rows]
-        return np.asarray(np.sum(error_mm * along, axis=1, keepdims=True) * along)
+        return np.sum(error_mm * along, axis=1, keepdims=True) * along
 
     @cached_property
     def used_poses(self) -> tuple[Poses, IndexArray]:
@@ -195,7 +179,7 @@ class Observations(Brief):
         placed = self.scanner_T_base_at(poses)
         out = {}
         for target, of_target in self.targets.items():
-            mean_mm = mean_by_pose(self.points.xyz_mm[of_target], row[of_target], len(poses))
+            mean_mm = group_means(self.points.xyz_mm[of_target], row[of_target], len(poses))
             out[target] = Seen(mean_mm, placed)
         return out
 
@@ -327,9 +311,9 @@ def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
     row = row[is_jig]
-    mean = mean_by_pose(observed.points.xyz_mm[is_jig], row, len(poses))
-    covariance = mean_by_pose(observed.covariance_mm2[is_jig], row, len(poses))
-    count = points_by_pose(row, len(poses))
+    mean = group_means(observed.points.xyz_mm[is_jig], row, len(poses))
+    covariance = group_means(observed.covariance_mm2[is_jig], row, len(poses))
+    count = np.bincount(row, minlength=len(poses))
     return count > 0, mean, covariance / np.maximum(count, 1)[:, None, None]
 
 

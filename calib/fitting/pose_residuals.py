@@ -75,6 +75,7 @@ class Nuisance:
     """Unknowns of predicted poses beyond the arm's parameters at a fit, and whitened derivatives of the residual."""
 
     placed: FramesAndHandEye
+    error: Array  # (M, 6) of the poses, see `PoseResiduals.errors`
     centre_mm: Mapping[str, Array]  # (3,) by setup, about which its frame turns, scanner frame
     by_parameters: Array  # (R, P), frames and hand-eye rotation at rest
     by_frames: Array  # (R, 6 S + 3) by shift, mm, and turn, rad, of each setup's frame in turn, and the hand-eye turn
@@ -153,21 +154,17 @@ class PoseResiduals(ObservedResiduals):
         _, error, _ = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
         columns = (self._whiten @ self.observed.points.shared).reshape(len(self._rows), -1)[self._rows]
         whitened = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
-        return np.asarray(np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, -columns.T @ whitened))
+        return np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, -columns.T @ whitened)
 
     def residual(self, x: Array) -> Array:
         _, error, _ = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
         return self.whitened(error[:, :, None])[:, 0]
 
     def linearise(self, x: Array) -> Linearisation:
-        base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
-        placed, error, columns = self._solve_frames_and_hand_eye(base_mm, attitude)
-        turn = self._scanner_R_base(placed)
-        by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
-        jacobian = self.whitened(by_x)
-        basis = self._basis(columns)
-        residual = self.whitened(error[:, :, None])[:, 0]
-        return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
+        at = self.nuisance(x)
+        basis = orthonormal(at.by_frames)
+        residual = self.whitened(at.error[:, :, None])[:, 0]
+        return Linearisation(residual, at.by_parameters - basis @ (basis.T @ at.by_parameters))
 
     def nuisance(self, x: Array) -> Nuisance:
         """Frames and hand-eye rotation at x (P,), with whitened derivatives by parameters and by all of these."""
@@ -177,7 +174,7 @@ class PoseResiduals(ObservedResiduals):
         by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
         at_mm = error[:, :3] + self._as_measured.xyz_mm
         centres = {str(self.observed.setup[rows[0]]): at_mm[rows].mean(axis=0) for rows in self._setup_rows}
-        return Nuisance(placed, centres, self.whitened(by_x), self.whitened(columns), base_mm, attitude)
+        return Nuisance(placed, error, centres, self.whitened(by_x), self.whitened(columns), base_mm, attitude)
 
     def frame_directions(self, x: Array) -> Array:
         """Orthonormal basis (R, `degrees_spent`) of the residual's changes by frames and hand-eye rotation."""
@@ -217,7 +214,7 @@ class PoseResiduals(ObservedResiduals):
         if self._shared is None:
             return rows
         ways, size = self._shared
-        return np.asarray(rows + ways @ ((1.0 / np.sqrt(1.0 + size**2) - 1.0)[:, None] * (ways.T @ rows)))
+        return rows + ways @ ((1.0 / np.sqrt(1.0 + size**2) - 1.0)[:, None] * (ways.T @ rows))
 
     @cached_property
     def _shared(self) -> tuple[Array, Array] | None:
@@ -366,4 +363,4 @@ def _by_left_turn(error: Array) -> Array:
     """
     c, _ = _turn_factors(error)
     cross = frames.skew(error)
-    return np.asarray(np.eye(3) - 0.5 * cross + c[:, None, None] * (cross @ cross))
+    return np.eye(3) - 0.5 * cross + c[:, None, None] * (cross @ cross)

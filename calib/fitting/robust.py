@@ -204,7 +204,7 @@ def point_norms(residual: Array, rows: IndexArray) -> Array:
     `rows` (M,) is the number of rows of each point.
     """
     first = np.concatenate([[0], np.cumsum(rows)[:-1]])
-    return np.asarray(np.sqrt(np.add.reduceat(residual**2, first)))
+    return np.sqrt(np.add.reduceat(residual**2, first))
 
 
 def tukey_weights(norm: Array, rows: IndexArray) -> Array:
@@ -213,7 +213,7 @@ def tukey_weights(norm: Array, rows: IndexArray) -> Array:
     if scale <= 0.0:
         return np.ones_like(norm)
     furthest = scale * _by_rows(rows, _TUKEY.__getitem__)
-    return np.asarray(np.clip(1.0 - (norm / furthest) ** 2, 0.0, None) ** 2)
+    return np.clip(1.0 - (norm / furthest) ** 2, 0.0, None) ** 2
 
 
 def _by_rows(rows: IndexArray, of: Callable[[int], float]) -> Array:

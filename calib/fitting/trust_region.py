@@ -181,7 +181,7 @@ def _limit(full: list[tuple[Array, Array]]) -> Array:
     points, steps = np.array(full).transpose(1, 2, 0)  # each (P, points)
     moves, changes = np.diff(points), np.diff(steps)
     mix = np.linalg.lstsq(changes, steps[:, -1], rcond=1e-6)[0]
-    return np.asarray(points[:, -1] + steps[:, -1] - (moves + changes) @ mix)
+    return points[:, -1] + steps[:, -1] - (moves + changes) @ mix
 
 
 class _Descent:

@@ -106,7 +106,7 @@ class Differences:
         return float(error @ error)
 
     def _projected(self, values: Array) -> Array:
-        return np.asarray(values - self.basis @ (self.basis.T @ values))
+        return values - self.basis @ (self.basis.T @ values)
 
 
 def without_mean(values: Array, whiten: Array, cell: IndexArray) -> Array:
@@ -116,7 +116,7 @@ def without_mean(values: Array, whiten: Array, cell: IndexArray) -> Array:
     turned = np.swapaxes(whiten, 1, 2)
     np.add.at(square, cell, turned @ whiten)
     np.add.at(along, cell, turned @ values)
-    return np.asarray(values - whiten @ np.linalg.solve(square, along)[cell])
+    return values - whiten @ np.linalg.solve(square, along)[cell]
 
 
 def differences_of(dataset: Dataset, paired: PairedPoses, robot: Robot) -> Differences | None:

@@ -13,9 +13,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import IndexArray
 from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Poses
+from calib.statistics import ranks
 
 SAME_JOINT_DEG = 0.05
 """Joint values that agree within this belong to one place; 0.05 mm for a prismatic joint."""
@@ -174,7 +175,7 @@ def places(dataset: Dataset, measured: IndexArray) -> list[list[int]]:
     """Poses with joint values that agree, among those measured; places with a single pose are left out."""
     poses = dataset.poses
     q = np.where(dataset.robot.is_revolute, np.degrees(poses.q), poses.q)  # deg, mm
-    keys = np.column_stack([_chained(values, SAME_JOINT_DEG) for values in q[measured].T])
+    keys = np.column_stack([ranks(values, SAME_JOINT_DEG) for values in q[measured].T])
     coarse: dict[tuple[int, ...], list[int]] = {}
     for pose, key in zip(measured.tolist(), map(tuple, keys.tolist()), strict=True):
         coarse.setdefault(key, []).append(pose)
@@ -189,14 +190,6 @@ def places(dataset: Dataset, measured: IndexArray) -> list[list[int]]:
     return sorted(out)
 
 
-def _chained(values: Array, same: float) -> IndexArray:
-    """Ranks (N,) of values; neighbours in size that differ by no more than `same` have equal rank."""
-    order = np.argsort(values, kind="stable")
-    ranks = np.empty(len(values), dtype=np.int64)
-    ranks[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > same)])
-    return ranks
-
-
 def _levels(name: str, values: list[Level]) -> list[Level]:
     """Levels of a condition at the poses of one place, equal where no difference counts.
 
@@ -206,7 +199,7 @@ def _levels(name: str, values: list[Level]) -> list[Level]:
         return values
     numbers = np.array(values, dtype=float)
     if name.startswith(_TEMPERATURE):
-        return [float(rank) for rank in _chained(numbers, SAME_TEMPERATURE_C)]
+        return [float(rank) for rank in ranks(numbers, SAME_TEMPERATURE_C)]
     return [float(value) for value in np.round(numbers / _SAME_AMOUNT) * _SAME_AMOUNT]
 
 

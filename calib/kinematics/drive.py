@@ -40,7 +40,7 @@ def load_of_joint(robot: Robot, chain: Chain, joint: int, inputs: DriveInputs) -
     load = robot.measured_load(joint)
     if load is None:
         columns = statics_columns(robot, chain, joint, inputs.payload_kg)
-        return np.asarray(columns @ masses_and_moments(robot, joint))
+        return columns @ masses_and_moments(robot, joint)
     side = None if inputs.approach is None else inputs.approach[:, joint]
     reading = None if inputs.torque_nm is None else TorqueReading(inputs.torque_nm, side)
     return load_torque(robot, chain, load, inputs.payload_kg, reading)
@@ -83,4 +83,4 @@ def term_turn(robot: Robot, chain: Chain, joint: int, term: DriveTerm, inputs: D
 
 def turn_by_encoder(link_rad: Array, q: Array, encoder: LinkEncoder) -> Array:
     """Turn (N,), rad, of a link against its motor as its encoder reads it, less the constant offset."""
-    return np.asarray((link_rad - q - encoder.offset_rad + np.pi) % (2.0 * np.pi) - np.pi)
+    return (link_rad - q - encoder.offset_rad + np.pi) % (2.0 * np.pi) - np.pi

@@ -140,7 +140,7 @@ class _Problem:
         both = np.asarray(np.linalg.qr(both, mode="r"))
         form, right = both[:, :9], both[:, 9]
         linear = np.linalg.lstsq(form, -right, rcond=1e-9)[0].reshape(3, 3)
-        starts = np.concatenate([_nearest_rotation(linear)[None], _START_ROTATIONS])
+        starts = np.concatenate([frames.nearest_rotation(linear)[None], _START_ROTATIONS])
         return _least_squares_rotation(form, right, starts)
 
     def _attitude_rows(self, rows: BoolArray) -> Array:
@@ -210,12 +210,6 @@ class _Problem:
         turns = np.einsum("ms,mij->misj", self.setup[known], self.rotation[known])
         turns = (turns - turns.mean(axis=0)).reshape(3 * np.count_nonzero(known), -1)
         return np.concatenate([turns, np.zeros((len(turns), width - turns.shape[1]))], axis=1)
-
-
-def _nearest_rotation(matrix: Array) -> Array:
-    """Rotation (3, 3) nearest to a matrix in the Frobenius norm."""
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
 
 
 def _rotations_of_cube() -> Array:

@@ -177,7 +177,7 @@ def _preferring(
     pull = (to_start + np.where(undamped, np.einsum("ksn,ks->kn", derivative, remaining), 0.0)) * free
     across = (jacobian * free[:, None]) @ np.swapaxes(inverse, 1, 2)
     motion = _damped(across, error, np.einsum("kmn,kn->km", inverse, pull), damping)
-    return np.asarray(np.einsum("knm,kn->km", inverse, motion))
+    return np.einsum("knm,kn->km", inverse, motion)
 
 
 def _damped_by_normal_equations(jacobian: Array, error: Array, constant_mm2: float) -> Array:

@@ -9,6 +9,13 @@ from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 
 
+def joint_limits(robot: Robot) -> tuple[Array, Array]:
+    """Least and largest value (n,) of each joint, rad or mm; infinite where robot.toml has no limit."""
+    low = np.array([-np.inf if joint.min is None else joint.min for joint in robot.joints])
+    high = np.array([np.inf if joint.max is None else joint.max for joint in robot.joints])
+    return low, high
+
+
 def joint_range(robot: Robot) -> tuple[Array, Array]:
     """Lower and upper bounds (n,) of the joints: their own limits, and half a turn either way for revolute ones.
 
@@ -17,8 +24,7 @@ def joint_range(robot: Robot) -> tuple[Array, Array]:
     Raises:
         CalibError: a joint has no range between its bounds.
     """
-    low = np.array([-np.inf if joint.min is None else joint.min for joint in robot.joints])
-    high = np.array([np.inf if joint.max is None else joint.max for joint in robot.joints])
+    low, high = joint_limits(robot)
     low = np.where(robot.is_revolute, np.maximum(low, -np.pi), np.where(np.isfinite(low), low, 0.0))
     high = np.where(robot.is_revolute, np.minimum(high, np.pi), np.where(np.isfinite(high), high, 500.0))
     if np.any(low >= high):
@@ -38,4 +44,4 @@ def random_poses(robot: Robot, count: int, *, rng: np.random.Generator) -> Array
 
 def wrapped(q: Array, low: Array) -> Array:
     """Angles shifted by whole turns to the first value at or above the lower joint limits."""
-    return np.asarray(low + np.mod(q - low, 2.0 * np.pi))
+    return low + np.mod(q - low, 2.0 * np.pi)

@@ -85,4 +85,4 @@ def load_torque(
     if reading is None or load.trust == 0.0:
         return np.asarray(by_weight)
     beside = load.offset_nm + (0.0 if reading.approach is None else load.friction_nm * reading.approach)
-    return np.asarray(by_weight + load.trust * (load.sign * reading.torque_nm - beside - by_weight))
+    return by_weight + load.trust * (load.sign * reading.torque_nm - beside - by_weight)

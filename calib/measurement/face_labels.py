@@ -118,7 +118,7 @@ def _with_measured_angles(labels: FaceLabels, corners: Mapping[str, Corner], jig
 def _turn_deg(rotation: Array) -> Array:
     """Angles (...,) in deg of rotations (..., 3, 3)."""
     cosine = 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0)
-    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tuple[dict[str, Array], dict[str, str]]:
@@ -132,7 +132,7 @@ def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tupl
         {pose_id: corner.covariance_mm2 for pose_id, corner in corners.items()},
     )
     try:
-        observed = Observations.of(dataset.with_points(points), np.ones(len(dataset.poses), dtype=bool))
+        observed = Observations.of_all(dataset.with_points(points))
     except FitError as error:
         return {}, dict.fromkeys(corners, str(error))
     robot = with_observed_targets(dataset.robot, observed)
@@ -174,7 +174,7 @@ def _nominal_attitudes(dataset: Dataset) -> Array:
     )
     if dataset.robot.carries_scanner:
         return np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)
-    return np.asarray(chain.base_T_frame[:, -1, :3, :3])
+    return chain.base_T_frame[:, -1, :3, :3]
 
 
 def _label_by_robot(

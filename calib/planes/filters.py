@@ -142,12 +142,12 @@ def apply_filters(points_mm: Array, point_normals: Array, tolerances: FilterTole
 
 def _middle(of_four: Array) -> Array:
     """Mean (M, 3) of the four vectors (M, 4, 3) of each set."""
-    return np.asarray(0.25 * np.einsum("mkc->mc", of_four))
+    return 0.25 * np.einsum("mkc->mc", of_four)
 
 
 def _length(vectors: Array) -> Array:
     """Lengths (M, K) of vectors (M, K, 3), or (M,) of (M, 3)."""
-    return np.asarray(np.sqrt(np.einsum("...c,...c->...", vectors, vectors)))
+    return np.sqrt(np.einsum("...c,...c->...", vectors, vectors))
 
 
 def _unit(vectors: Array) -> Array:

@@ -42,7 +42,7 @@ class Neighbourhoods:
 
         Uniform stray points have a thickness of 0.2 to 0.4 of the radius, points of a surface one of some hundredths.
         """
-        return np.asarray(self.thickness_mm > _LOOSE * self.radius_mm)
+        return self.thickness_mm > _LOOSE * self.radius_mm
 
     def noise_mm(self) -> float:
         """Standard deviation of the noise along the normals in the flat parts of the scene.

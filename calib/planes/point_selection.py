@@ -92,7 +92,7 @@ def _first_of_each(key: IndexArray) -> tuple[IndexArray, IndexArray]:
 def finite_rows(points_mm: Array) -> BoolArray:
     """Mask (N,): whether all three coordinates of points (N, 3) are finite."""
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.asarray(np.isfinite(points_mm @ np.ones(3)))  # a sum is quicker than all(axis=1)
+        return np.isfinite(points_mm @ np.ones(3))  # a sum is quicker than all(axis=1)
 
 
 def points_within(points_mm: Array, centre_mm: Array, radius_mm: float) -> tuple[IndexArray, Array]:

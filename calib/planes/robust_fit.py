@@ -139,7 +139,7 @@ def _root(heights: Array, middle: float, sigma_mm: float) -> Array:
     root = (heights - middle) * (1 / (TUKEY * sigma_mm))
     root *= root
     np.subtract(1.0, root, out=root)
-    return np.asarray(np.maximum(root, 0.0, out=root))
+    return np.maximum(root, 0.0, out=root)
 
 
 def _least_squares(normal_matrix: Array, right: Array) -> Array:
@@ -169,4 +169,4 @@ def _across(normal: Array, points: Array, weights: Array) -> Array:
     local = axes @ points.T
     total = weights.sum()
     local -= (local @ weights / total)[:, None]
-    return np.asarray(np.linalg.eigh((local * weights) @ local.T)[1].T @ axes)
+    return np.linalg.eigh((local * weights) @ local.T)[1].T @ axes

@@ -46,7 +46,7 @@ class DesignProblem:
     def information(self, chosen: IndexArray) -> Array:
         """Information matrix (K, K) of the unknowns after the chosen candidates are measured."""
         rows = self.rows[chosen].reshape(-1, self.rows.shape[-1])
-        return np.asarray(self.unknowns.prior_information + rows.T @ rows)
+        return self.unknowns.prior_information + rows.T @ rows
 
 
 class DesignCriterion(Protocol):

@@ -242,7 +242,7 @@ def probabilities(predictions: HypothesisPredictions) -> Array:
     """Posterior probability (I,) of each hypothesis by its evidence at the measured poses."""
     evidence = np.array([hypothesis.log_evidence for hypothesis in predictions.hypotheses])
     likely = np.exp(evidence - evidence.max())
-    return np.asarray(likely / likely.sum())
+    return likely / likely.sum()
 
 
 def expected_log_bayes_factors(predictions: HypothesisPredictions, poses: IndexArray) -> Array:
@@ -264,7 +264,7 @@ def equivalent_pairs(predictions: HypothesisPredictions) -> BoolArray:
     """Mask (I, I) of the pairs of hypotheses that even all predicted poses together do not discriminate."""
     expected = expected_log_bayes_factors(predictions, np.arange(len(predictions.hypotheses[0].mean)))
     near = np.minimum(expected, expected.T) < MIN_LOG_BAYES_FACTOR
-    return np.asarray(near & ~np.eye(len(expected), dtype=bool))
+    return near & ~np.eye(len(expected), dtype=bool)
 
 
 def separations_mm(predictions: HypothesisPredictions, poses: IndexArray, pairs: BoolArray) -> Array:
@@ -397,7 +397,7 @@ def log_confusion(predictions: HypothesisPredictions, chosen: Sequence[int], pai
             now = hypotheses[i].log_evidence - hypotheses[j].log_evidence
             expected = now + conditional[j].divergence_from(conditional[i])
             terms.append(np.log(probabilities(predictions)[i]) - 0.5 * expected)
-    return np.asarray(np.logaddexp.reduce(np.stack(terms), axis=0))
+    return np.logaddexp.reduce(np.stack(terms), axis=0)
 
 
 class _Conditional:
@@ -430,4 +430,4 @@ class _Conditional:
         trace = np.einsum("cij,cji->c", self.inverse, total + np.eye(off.shape[1]))
         apart = np.einsum("ci,cij,cj->c", off, self.inverse, off)
         rows = off.shape[1] + len(off_inside)
-        return np.asarray(0.5 * (inside + trace + apart - rows + self.log_det - true.log_det))
+        return 0.5 * (inside + trace + apart - rows + self.log_det - true.log_det)

@@ -169,7 +169,7 @@ class CoefficientPosteriors:
     def draw(self, number: int, rng: np.random.Generator) -> Array:
         """Coefficients (K,) of one hypothesis, drawn from their posterior."""
         root = self.roots[number]
-        return np.asarray(self.means[number] + root @ rng.standard_normal(len(root)))
+        return self.means[number] + root @ rng.standard_normal(len(root))
 
 
 def coefficient_posteriors(calibration: Calibration, hypotheses: Sequence[EffectHypothesis]) -> CoefficientPosteriors:

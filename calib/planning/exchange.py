@@ -82,7 +82,7 @@ def best_poses(
 def _information(question: Question, chosen: Sequence[int]) -> Array:
     """Information matrix (K, K) of a question's unknowns after some candidates are measured."""
     rows = question.rows[list(chosen)].reshape(-1, question.rows.shape[2])
-    return np.asarray(question.prior_information + rows.T @ rows)
+    return question.prior_information + rows.T @ rows
 
 
 def _ranked(questions: Sequence[Question], chosen: list[int]) -> IndexArray:

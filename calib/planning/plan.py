@@ -57,7 +57,7 @@ class BoxRegion:
 
     def contains(self, points_mm: Array) -> BoolArray:
         """Mask (N,): whether points (N, 3), mm in the base frame, are in the box."""
-        return np.asarray(np.all((points_mm >= self.min_mm) & (points_mm <= self.max_mm), axis=1))
+        return np.all((points_mm >= self.min_mm) & (points_mm <= self.max_mm), axis=1)
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def _curve(problem: DesignProblem, chosen: IndexArray) -> Array:
     further = min(_BEYOND, int(np.count_nonzero(~np.isin(some, chosen))))
     beyond = replace(region, rows=region.rows[some], prior_information=problem.information(chosen))
     more = best_poses([beyond], further, exclude=np.isin(some, chosen), exchange=False)
-    return np.asarray(np.sqrt(np.exp(np.array([*logs, *more.greedy_log_values])) + problem.region.missed_mm2))
+    return np.sqrt(np.exp(np.array([*logs, *more.greedy_log_values])) + problem.region.missed_mm2)
 
 
 def _order(problem: DesignProblem, chosen: IndexArray) -> IndexArray:

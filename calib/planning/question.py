@@ -60,13 +60,13 @@ class Question:
             squares = _squares(flat, cross_covariance, self.rows)
             drop = np.trace(np.linalg.solve(spread, squares), axis1=1, axis2=2)
             least = 1e-12 * np.trace(target_covariance)  # rounding
-            return np.asarray(np.log(np.maximum(np.trace(target_covariance) - drop, least)))
+            return np.log(np.maximum(np.trace(target_covariance) - drop, least))
         m = target_covariance.shape[0]
         before = float(np.linalg.slogdet(target_covariance)[1])
         root = np.linalg.inv(np.linalg.cholesky(target_covariance))
         squares = _squares(flat, cross_covariance @ root.T, self.rows)
         after = np.linalg.slogdet(spread - squares)[1] - np.linalg.slogdet(spread)[1]
-        return np.asarray((before + after) / m)
+        return (before + after) / m
 
 
 def condensed(combinations: Array) -> Array:
@@ -85,7 +85,7 @@ def inverse(information: Array) -> Array:
         raise CalibError(
             "what is known before planning bounds no unknown in some direction; plan with the prior"
         ) from None
-    return np.asarray((root.T @ root) / np.outer(size, size))
+    return (root.T @ root) / np.outer(size, size)
 
 
 def _squares(flat: Array, factor: Array, rows: Array) -> Array:
@@ -96,5 +96,5 @@ def _squares(flat: Array, factor: Array, rows: Array) -> Array:
     n, r, k = rows.shape
     if factor.shape[1] < k:
         products = (flat @ factor).reshape(n, r, -1)
-        return np.asarray(products @ np.swapaxes(products, 1, 2))
-    return np.asarray((flat @ (factor @ factor.T)).reshape(n, r, k) @ np.swapaxes(rows, 1, 2))
+        return products @ np.swapaxes(products, 1, 2)
+    return (flat @ (factor @ factor.T)).reshape(n, r, k) @ np.swapaxes(rows, 1, 2)

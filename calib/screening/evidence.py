@@ -211,7 +211,7 @@ def evidence_by_scale(lam: Array, h2: Array, rest: float, total: float, dof: int
     quadratic = rest - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     least = _ROUNDING * max(total, 1e-300)  # exact data: the rest is rounding, and has no logarithm
     fit = -0.5 * dof * np.log(np.maximum(quadratic, least) / max(total, 1e-300))
-    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + scale_penalty(SCALES))
+    return fit - 0.5 * np.sum(np.log(grow), axis=-1) + scale_penalty(SCALES)
 
 
 def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
@@ -225,7 +225,7 @@ def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
 
 def scale_penalty(scales: Array) -> Array:
     """Log prior of prior scales above the usual size: a factor of ten is one standard deviation."""
-    return np.asarray(-0.5 * np.maximum(np.log10(scales), 0.0) ** 2)
+    return -0.5 * np.maximum(np.log10(scales), 0.0) ** 2
 
 
 def _choose_members(

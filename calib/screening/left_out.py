@@ -11,9 +11,8 @@ from calib.calibration.evaluation import Evaluation, evaluate_all
 from calib.calibration.held_out import in_gap_of_step
 from calib.calibration.result import Calibration
 from calib.errors import FitError
-from calib.fitting.observations import mean_by_pose
 from calib.screening.projected_residual import ProjectedResidual, project_residual
-from calib.statistics import left_out_by, rms
+from calib.statistics import group_means, left_out_by, rms
 
 _FAR, _VERY_FAR = 1.5, 3.0  # times the largest error of a training pose left out
 _FEWEST_FAR, _FEW = 3, 0.15  # test poses that are far off, in number and as a share of them: fewer are single poses
@@ -160,4 +159,4 @@ def _as_fitted(calibration: Calibration) -> Evaluation:
 def _pose_means(values: Array, pose: IndexArray) -> Array:
     """Mean of values by measured point over the points of each pose that has points."""
     poses, row = np.unique(pose, return_inverse=True)
-    return mean_by_pose(values, row, len(poses))
+    return group_means(values, row, len(poses))

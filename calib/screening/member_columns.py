@@ -56,7 +56,7 @@ class VisibleColumns:
             return SparseColumns(np.zeros(len(signals)), self.stacked, 0).shares(signals)
         u, s, _ = np.linalg.svd(np.concatenate(self.groups, axis=1), full_matrices=False)
         span = u[:, s > 1e-6 * s[0]]
-        return np.asarray(np.sum((span.T @ signals) ** 2, axis=0) / np.maximum(np.sum(signals**2, axis=0), 1e-300))
+        return np.sum((span.T @ signals) ** 2, axis=0) / np.maximum(np.sum(signals**2, axis=0), 1e-300)
 
 
 def visible_columns(projected: ProjectedResidual, family: Family) -> VisibleColumns:

@@ -96,7 +96,7 @@ class LinearResidual:
         blocks = basis.reshape(count, coordinates, -1)
         size, turn = np.linalg.eigh(np.eye(coordinates) - blocks @ np.swapaxes(blocks, 1, 2))
         along = np.einsum("mji,mj->mi", turn, residual.reshape(count, coordinates)) / np.sqrt(np.maximum(size, 0.05))
-        return np.asarray(np.einsum("mij,mj->mi", turn, along))
+        return np.einsum("mij,mj->mi", turn, along)
 
     def weights(self, shape: NoiseShape) -> Array | None:
         """Weights (M,) of the points under the noise shape's heavy tails; None for a shape without heavy tails."""
@@ -153,7 +153,7 @@ def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
     place = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
     if len(points) - len(np.unique(place)) < ENOUGH_DIFFERENCES:
         return None
-    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    observed = Observations.of_all(dataset)
     covariance = observed.covariance_mm2 * (1.0 if points.counts_as is None else points.counts_as[:, None, None])
     differences: list[Array] = []
     rows: list[int] = []

@@ -59,17 +59,17 @@ class Nuisance:
 
     def whitened(self, columns: Array) -> Array:
         """Projected columns (R, K), or a residual (R,), whitened for noise and uncertain directions together."""
-        return np.asarray(columns - self.directions @ _scaled(self.removed, self.directions.T @ columns))
+        return columns - self.directions @ _scaled(self.removed, self.directions.T @ columns)
 
     @property
     def removed(self) -> Array:
         """Share (K,) of a column along each direction that whitening takes away."""
-        return np.asarray(1.0 - 1.0 / np.sqrt(1.0 + self.sizes**2))
+        return 1.0 - 1.0 / np.sqrt(1.0 + self.sizes**2)
 
     def coloured(self, columns: Array) -> Array:
         """Inverse of `whitened`: whitened columns, or a residual, back in units of the noise alone."""
         more = np.sqrt(1.0 + self.sizes**2) - 1.0
-        return np.asarray(columns + self.directions @ _scaled(more, self.directions.T @ columns))
+        return columns + self.directions @ _scaled(more, self.directions.T @ columns)
 
 
 def _scaled(factors: Array, rows: Array) -> Array:

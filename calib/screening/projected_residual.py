@@ -69,13 +69,13 @@ class ProjectedResidual(Brief):
 
     def project(self, columns: Array) -> Array:
         """Whitened columns (R, K) with the directions projected out in which the fit absorbs errors."""
-        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+        return columns - self.basis @ (self.basis.T @ columns)
 
     def visible(self, columns: Array) -> Array:
         """Columns (R, K) as the residual shows them: whitened, fitted directions out, uncertain ones scaled."""
         columns = columns if self.whitening is None else self.whitening.apply(columns)
         directions, less = self._removed
-        return np.asarray(columns - directions @ (less[:, None] * (directions.T @ columns)))
+        return columns - directions @ (less[:, None] * (directions.T @ columns))
 
     @cached_property
     def _removed(self) -> tuple[Array, Array]:
@@ -99,7 +99,7 @@ class ProjectedResidual(Brief):
         """Orthonormal directions (R, R - rank) besides the fitted ones; None for many rows, of which few would go."""
         if len(self.basis) > _MANY_ROWS:
             return None
-        return np.asarray(np.linalg.qr(self.basis, mode="complete")[0][:, self.basis.shape[1] :])
+        return np.linalg.qr(self.basis, mode="complete")[0][:, self.basis.shape[1] :]
 
     def motion_columns(self, direction: Array, motion: Array) -> Array:
         """Changes (R, K) of the projected residual by K motions (N, K) of a joint at the used poses.

@@ -170,7 +170,7 @@ def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]
 
     def mean_square(values: Array) -> Array:
         of_points = values.reshape(of_pose.shape[1], projected.coordinates, -1)
-        return np.asarray(of_pose @ np.sum(of_points**2, axis=1) / numbers)
+        return of_pose @ np.sum(of_points**2, axis=1) / numbers
 
     residual, draws = projected.residual, noise()
     if projected.whitening is not None:
@@ -180,7 +180,7 @@ def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]
     largest = [np.max(theirs / _median(theirs), axis=0) for theirs in map(mean_square, draws)]
     # A large outlier swells the common scale, so each is compared with the median of its own dataset.
     limit = np.quantile(np.concatenate(largest), 1.0 - OUTLIER_LEVEL)
-    return np.asarray(ours / _median(ours) > limit)
+    return ours / _median(ours) > limit
 
 
 def _median(values: Array) -> Array:

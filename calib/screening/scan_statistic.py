@@ -99,7 +99,7 @@ def _bumps(values: Array) -> list[Array]:
 
 def _squares(values: Array) -> Array:
     """Sum of squares (D,) of each column of an array (C, D)."""
-    return np.asarray(np.einsum("cd,cd->d", values, values))
+    return np.einsum("cd,cd->d", values, values)
 
 
 def _relevant(name: str, channels: Iterable[Channel]) -> list[Channel]:

@@ -78,7 +78,7 @@ def _over_angles(angles_rad: Array, length_rad: float) -> Array:
     """
 
     def kernel(left: Array, right: Array) -> Array:
-        return np.asarray(np.exp(np.sum(np.cos(left[:, None] - right[None]) - 1.0, axis=2) / length_rad**2))
+        return np.exp(np.sum(np.cos(left[:, None] - right[None]) - 1.0, axis=2) / length_rad**2)
 
     anchors = angles_rad[_spread(len(angles_rad), _MOST_ANGLES)]
     return kernel(angles_rad, anchors) @ _whitening(kernel(anchors, anchors))
@@ -93,7 +93,7 @@ def _whitening(kernel: Array) -> Array:
     """Coefficients (A, K) by which kernel values at A anchors become basis functions of the Gaussian process."""
     values, vectors = np.linalg.eigh(kernel)
     kept = values > 1e-3 * values[-1]
-    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+    return vectors[:, kept] / np.sqrt(values[kept])
 
 
 # ---- in place of a step ---------------------------------------------------------------------------------------------
@@ -132,7 +132,7 @@ def _moments(projected: ProjectedResidual) -> Array:
     """Time (N,) of each used pose, scaled to 0 to 1, or the pose's place in the order where times are not known."""
     poses = projected.residuals.observed.used_poses[0]
     when = poses.order.astype(float) if poses.time_s is None else poses.time_s
-    return np.asarray((when - when.min()) / max(float(np.ptp(when)), 1e-300))
+    return (when - when.min()) / max(float(np.ptp(when)), 1e-300)
 
 
 def _courses(moment: Array) -> Iterator[Array]:
@@ -146,4 +146,4 @@ def _courses(moment: Array) -> Iterator[Array]:
 
 
 def _alike(left: Array, right: Array, length: float) -> Array:
-    return np.asarray(np.exp(-0.5 * ((left[:, None] - right[None]) / length) ** 2))
+    return np.exp(-0.5 * ((left[:, None] - right[None]) / length) ** 2)

@@ -73,7 +73,7 @@ class SparseColumns:
         visible = lengths > _VISIBLE**2 * np.maximum(lengths[:, -1:], 1e-300)
         h2 = np.einsum("fgk,gkl->fgl", along, directions) ** 2
         explained = np.sum(np.where(visible, h2 / np.where(visible, lengths, 1.0), 0.0), axis=2)
-        return np.asarray(explained.max(axis=1) / np.maximum(np.sum(signals**2, axis=0), 1e-300))
+        return explained.max(axis=1) / np.maximum(np.sum(signals**2, axis=0), 1e-300)
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ def _products(left: Array, right: Array) -> Array:
     """Products (G, K, L) of the columns (R, G, K) and (R, G, L) of each of G members."""
     if left.shape[2] == right.shape[2] == 1:
         return np.einsum("rg,rg->g", left[:, :, 0], right[:, :, 0])[:, None, None]
-    return np.asarray(np.einsum("rgk,rgl->gkl", left, right, optimize=True))
+    return np.einsum("rgk,rgl->gkl", left, right, optimize=True)
 
 
 def _gate(family: SparseColumns) -> tuple[float, int]:

@@ -151,7 +151,7 @@ class _Seen:
         there = frames.apply(scanner_T_base, self.expected_mm)
         away = self.xyz_mm[: self.ways.shape[1], None] - there[None]  # (S, T, 3)
         squares = np.einsum("sti,sti->st", away, away)
-        return np.asarray(np.sqrt(squares[np.arange(self.ways.shape[1]), self.ways].mean(axis=1)))
+        return np.sqrt(squares[np.arange(self.ways.shape[1]), self.ways].mean(axis=1))
 
     def pairs(self, way: IndexArray) -> tuple[Array, Array]:
         """Expected and measured places (S, 3) under one way of naming."""

@@ -101,7 +101,7 @@ def _of_jig(points: Array, corner: Corner, jig: Jig) -> BoolArray:
     """Mask (N,) of the points that are taken out of the scan with a jig."""
     axis = _edges(corner).sum(axis=0)
     middle = corner.xyz_mm + _BALL_AT * jig.longest_mm * axis / np.linalg.norm(axis)
-    return np.asarray(np.linalg.norm(points - middle, axis=1) < _TAKEN_OUT * jig.longest_mm)
+    return np.linalg.norm(points - middle, axis=1) < _TAKEN_OUT * jig.longest_mm
 
 
 def reach_mm(points: Array, corner: Corner, jig: Jig) -> float:

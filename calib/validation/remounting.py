@@ -94,7 +94,7 @@ def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
 
 def _points(calibration: Calibration) -> Observations:
     """All measured points of an evaluation as observations, in the order of the evaluation."""
-    return Observations.of(calibration.dataset, np.ones(len(calibration.dataset.poses), dtype=bool))
+    return Observations.of_all(calibration.dataset)
 
 
 def _rmse(error_mm: Array, unknowns: int) -> float:

@@ -234,7 +234,7 @@ class _Estimate:
 def _inverse(matrix: Array) -> Array:
     """Inverse of a positive matrix whose rows have different units."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.asarray(np.linalg.pinv(matrix / np.outer(size, size), hermitian=True) / np.outer(size, size))
+    return np.linalg.pinv(matrix / np.outer(size, size), hermitian=True) / np.outer(size, size)
 
 
 def _rows(

@@ -78,4 +78,4 @@ class JigGoals:
         if self.outward is None:
             return np.asarray(near)
         cosine = np.sum(self.pointing(chain) * self.outward, axis=1)
-        return np.asarray(near & (np.arccos(np.clip(cosine, -1.0, 1.0)) < 0.02))
+        return near & (np.arccos(np.clip(cosine, -1.0, 1.0)) < 0.02)

@@ -47,7 +47,7 @@ class Measurable:
     @property
     def ok(self) -> BoolArray:
         """Mask (N,): whether each pose can be measured."""
-        return np.asarray(self.reason == "")
+        return self.reason == ""
 
 
 def counted(reasons: Sequence[NDArray[np.str_]]) -> str:
@@ -142,7 +142,7 @@ def _too_steep(at: _ArmPoses) -> BoolArray | None:
     if at.eye_mm is None or at.cell.jig is None or at.cell.field is None:
         return None
     cosine = incidence_cosines(at.base_T_jig, jig_geometry(at.cell.jig)[1], at.eye_mm)
-    return np.asarray(np.any(cosine < np.cos(np.radians(at.cell.field.max_incidence_deg)), axis=1))
+    return np.any(cosine < np.cos(np.radians(at.cell.field.max_incidence_deg)), axis=1)
 
 
 def incidence_cosines(base_T_jig: Array, normals: Array, eye_mm: Array) -> Array:
@@ -169,7 +169,7 @@ def manipulability(cell: Workcell, chain: Chain) -> Array:
     moved, axes = joint_jacobian(chain, cell.robot.is_revolute)
     unit = np.where(cell.robot.is_revolute, 1.0, third_mm)
     values = np.linalg.svd(np.concatenate([moved / third_mm, axes], axis=1) * unit, compute_uv=False)
-    return np.asarray(values[:, -1] / np.maximum(values[:, 0], 1e-12))
+    return values[:, -1] / np.maximum(values[:, 0], 1e-12)
 
 
 def _in_floor(at: _ArmPoses) -> BoolArray | None:
@@ -178,7 +178,7 @@ def _in_floor(at: _ArmPoses) -> BoolArray | None:
         return None
     start, end, radius = _moving(at)
     lowest = np.minimum(start[..., 2], end[..., 2]) - radius
-    return np.asarray(np.any(lowest < at.cell.floor_z_mm, axis=1))
+    return np.any(lowest < at.cell.floor_z_mm, axis=1)
 
 
 def _in_box(at: _ArmPoses) -> BoolArray | None:
@@ -209,7 +209,7 @@ def _at_room_target(at: _ArmPoses) -> BoolArray | None:
 def _is_near(at: _ArmPoses, place_mm: Array, clearance_mm: float) -> BoolArray:
     """Mask (N,): whether a moving body is nearer to a place (3,), base frame, than a clearance."""
     start, end, radius = _moving(at)
-    return np.asarray(np.any(between_segments(start, end, place_mm, place_mm) < radius + clearance_mm, axis=1))
+    return np.any(between_segments(start, end, place_mm, place_mm) < radius + clearance_mm, axis=1)
 
 
 def _moving(at: _ArmPoses) -> tuple[Array, Array, Array]:

@@ -54,7 +54,7 @@ class ScanField:
         inside = np.abs(depth_mm - self.distance_mm) <= 0.5 * self.depth_mm
         across = apex_mm[:, :2] * (self.distance_mm / np.where(inside, depth_mm, 1.0))[:, None]
         off_mm = np.abs(across - np.array(self.middle_mm))
-        return np.asarray(inside & (depth_mm > 0.0) & np.all(off_mm <= self.half_mm, axis=1))
+        return inside & (depth_mm > 0.0) & np.all(off_mm <= self.half_mm, axis=1)
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class BoxField:
 
     def contains(self, apex_mm: Array) -> BoolArray:
         """Mask (N,): whether apexes (N, 3), scanner frame, lie in the box."""
-        return np.asarray(np.all((apex_mm >= np.array(self.low_mm)) & (apex_mm <= np.array(self.high_mm)), axis=1))
+        return np.all((apex_mm >= np.array(self.low_mm)) & (apex_mm <= np.array(self.high_mm)), axis=1)
 
 
 JANG_FIELD = ScanField()
@@ -86,7 +86,7 @@ def tilted(sight: Array, most_deg: float, rng: np.random.Generator) -> Array:
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     other = np.cross(sight, across)
     sideways = np.cos(azimuth)[:, None] * across + np.sin(azimuth)[:, None] * other
-    return np.asarray(cosine[:, None] * sight + np.sqrt(1.0 - cosine**2)[:, None] * sideways)
+    return cosine[:, None] * sight + np.sqrt(1.0 - cosine**2)[:, None] * sideways
 
 
 def declared_field(scanner: Scanner) -> ScanField | None:

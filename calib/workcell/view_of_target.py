@@ -28,7 +28,7 @@ class RoomTarget:
         """Mask (N,): whether the target can be seen from places (N, 3), base frame."""
         sight = eye_mm - self.place_mm
         cosine = sight @ self.outward / np.maximum(np.linalg.norm(sight, axis=1), 1e-9)
-        return np.asarray(cosine >= np.cos(np.radians(self.within_deg)))
+        return cosine >= np.cos(np.radians(self.within_deg))
 
 
 def seen_target(place_mm: Array, eye_mm: Array) -> RoomTarget:
@@ -83,7 +83,7 @@ class ViewGoals:
         """Mask (N,): whether point and direction are at their goals, to 1 mm and 0.02 rad."""
         point_mm, direction = self._point_and_direction(chain, slice(None))
         near = np.linalg.norm(point_mm - self.apex_mm, axis=1) < 1.0
-        return np.asarray(near & (np.arccos(np.clip(direction @ self.axis, -1.0, 1.0)) < 0.02))
+        return near & (np.arccos(np.clip(direction @ self.axis, -1.0, 1.0)) < 0.02)
 
 
 def in_view_mm(base_T_scanner: Array, place_mm: Array) -> Array:

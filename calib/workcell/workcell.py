@@ -57,7 +57,7 @@ class Workcell:
     def scanner_at(self, chain: Chain) -> Array | None:
         """base_T_scanner (N, 4, 4) at N poses of the arm; None where it is not known."""
         if self.flange_T_scanner is not None:
-            return np.asarray(chain.base_T_flange @ self.flange_T_scanner)
+            return chain.base_T_flange @ self.flange_T_scanner
         if self.base_T_scanner is None:
             return None
         return np.broadcast_to(self.base_T_scanner, (len(chain.base_T_frame), 4, 4))

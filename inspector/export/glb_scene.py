@@ -39,7 +39,7 @@ def scene_glb(calibration: Calibration, pose: int, arrows: float) -> bytes:
     shape = arm_shape(version.model, version.x, dataset.poses, pose, version.flange_T_scanner(pose))
     for part, mesh in _arm(shape).items():
         scene.add_geometry(mesh, node_name=f"arm {part}", geom_name=f"arm {part}")
-    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool)).points
+    observed = Observations.of_all(dataset).points
     base_T_scanner = frames.invert(version.scanner_T_base_of_points)
     measured_mm = frames.apply(base_T_scanner, observed.xyz_mm)
     error_mm = np.einsum("mij,mj->mi", base_T_scanner[:, :3, :3], calibration.after.error_mm)

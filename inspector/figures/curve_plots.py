@@ -163,7 +163,7 @@ def _outline(xaxis: str, yaxis: str) -> dict[str, Any]:
 
 def _closed(outside: BoolArray) -> BoolArray:
     """Mask of places outside the measured range, widened by one place on each side so that the drawn parts meet."""
-    return np.asarray(outside | np.append(outside[1:], False) | np.insert(outside[:-1], 0, False))
+    return outside | np.append(outside[1:], False) | np.insert(outside[:-1], 0, False)
 
 
 def _short(values: Array) -> list[float | None]:

@@ -149,12 +149,12 @@ class Camera:
 
 def unit(vector: Array) -> Array:
     """Unit vector in the same direction."""
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
+    return vector / max(float(np.linalg.norm(vector)), 1e-9)
 
 
 def arm_beside(middle_mm: Array, up: Array) -> Array:
     """Direction (3,) from which the arm is viewed, close to the scanner's direction."""
-    return np.asarray(ARM_BESIDE * unit(np.cross(-middle_mm, up)) + ARM_ABOVE * up)
+    return ARM_BESIDE * unit(np.cross(-middle_mm, up)) + ARM_ABOVE * up
 
 
 def close_beside(view: View) -> Array:
@@ -163,7 +163,7 @@ def close_beside(view: View) -> Array:
     if corner is None:
         return CLOSE_BESIDE
     all_three = np.sum([face.normal for face in corner.faces], axis=0)
-    return np.asarray(all_three / np.linalg.norm(all_three))
+    return all_three / np.linalg.norm(all_three)
 
 
 def arm_frame(view: View) -> Array | None:

@@ -110,7 +110,7 @@ class _Arrows:
 
 def _arrows_of(version: Version, view: View) -> _Arrows:
     dataset = version.calibration.dataset
-    measured = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool)).points
+    measured = Observations.of_all(dataset).points
     if view.shown_pairs is None:
         here = dataset.poses.setup[measured.pose] == dataset.poses.setup[view.pose]
     else:

@@ -97,7 +97,7 @@ class Sight:
         seen = (np.asarray(points, dtype=float) - self.position) @ self.rotation
         depth = np.where(seen[:, 2] > 0.0, seen[:, 2], np.nan)
         half = np.tan(0.5 * self.fov_rad) * np.array([self.aspect, 1.0])
-        return np.asarray(0.5 + 0.5 * seen[:, :2] / depth[:, None] / half)
+        return 0.5 + 0.5 * seen[:, :2] / depth[:, None] / half
 
     def in_box(self, points: Array, corner: tuple[float, float], opposite: tuple[float, float]) -> BoolArray:
         """Whether points (N, 3) are seen in the box between two places on the screen."""

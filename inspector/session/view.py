@@ -114,7 +114,7 @@ class View:
         here, there = version.scanner_T_base[self.pose], version.scanner_T_base[pose]
         if not (np.isfinite(here).all() and np.isfinite(there).all()):
             return np.eye(4)
-        return np.asarray(here @ frames.invert(there))
+        return here @ frames.invert(there)
 
     @property
     def version_before(self) -> Version | None:

@@ -74,7 +74,7 @@ def _coefficients(rectangular: bool) -> Array:
         u, v, weight = u, v * (1.0 - u), 2.0 * weight * (1.0 - u)
     rows = _powers(np.column_stack([u, v])) * np.sqrt(weight)[:, None]
     inverse = np.linalg.inv(np.linalg.qr(rows)[1])
-    return np.asarray(inverse[:, 3:])
+    return inverse[:, 3:]
 
 
 def _powers(at: Array) -> Array:
@@ -83,7 +83,7 @@ def _powers(at: Array) -> Array:
 
 def heights(at: Array, rectangular: bool) -> Array:
     """Heights (B, 12) of the parts of a bow at places (B, 2): along both edges from the apex, in edge lengths."""
-    return np.asarray(_powers(at) @ _coefficients(rectangular))
+    return _powers(at) @ _coefficients(rectangular)
 
 
 def right_handed(normals: Array) -> tuple[int, int, int]:
@@ -108,7 +108,7 @@ def bow_columns(planes: Sequence[PlaneFit], patches: Sequence[Patches], edge_mm:
 
 def quadratic(columns: Array) -> Array:
     """(..., 9) of (..., 36) those of degree 2."""
-    return np.asarray(columns[..., [TERMS * face + k for face in range(3) for k in range(QUADRATIC)]])
+    return columns[..., [TERMS * face + k for face in range(3) for k in range(QUADRATIC)]]
 
 
 def shows_bows(mean_mm: Array, variance_mm2: Array, design: Array, columns: Array) -> bool:

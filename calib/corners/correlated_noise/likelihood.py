@@ -54,7 +54,7 @@ def exponential(variances: Array, lengths: Array) -> Array:
 
     lengths  # (K,) of the exponential kernels, in edges
     """
-    return np.asarray(variances @ np.array([_mixture(length) for length in lengths]))
+    return variances @ np.array([_mixture(length) for length in lengths])
 
 
 def gaussian_kernels(places: PatchPlaces, lengths_mm: Array) -> Array:
@@ -70,7 +70,7 @@ def gaussian_kernels(places: PatchPlaces, lengths_mm: Array) -> Array:
     xx, yy = xx + square, yy + square
     determinant = xx * yy - xy**2
     way = (yy * (x * x) - 2 * xy * x * y + xx * (y * y)) / determinant
-    return np.asarray(square / np.sqrt(determinant) * np.exp(-0.5 * way))
+    return square / np.sqrt(determinant) * np.exp(-0.5 * way)
 
 
 @dataclass(frozen=True)

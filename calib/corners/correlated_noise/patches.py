@@ -33,13 +33,13 @@ class ScannerView:
     def rays(self, points_mm: Array) -> Array:
         """Unit directions (N, 3) from the scanner to points (N, 3)."""
         way = points_mm + self.distance_mm * self.sight
-        return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
+        return way / np.linalg.norm(way, axis=1, keepdims=True)
 
     def image_mm(self, points_mm: Array) -> Array:
         """Coordinates (N, 2) of points (N, 3) in the scanner's image, in mm at the origin's depth."""
         across = np.linalg.svd(self.sight[None])[2][1:]
         depth = np.maximum(1 + points_mm @ self.sight / self.distance_mm, 0.1)
-        return np.asarray(points_mm @ across.T / depth[:, None])
+        return points_mm @ across.T / depth[:, None]
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def patches_of(plane: PlaneFit, view: ScannerView, along_mm: Array, side_mm: flo
     count = table[table > 0].astype(np.float64)
 
     def mean(column: Array) -> Array:
-        return np.asarray(np.bincount(patch, column) / count)
+        return np.bincount(patch, column) / count
 
     def places(coordinates_mm: Array) -> PatchPlaces:
         centres = np.column_stack([mean(column) for column in coordinates_mm.T])

@@ -89,7 +89,7 @@ class _Faces:
         """Covariance (L, B, B) of patch heights by an error of variance 1 along the rays, continuous across faces."""
         cosine = np.concatenate([p.cosine for p in self.patches])
         image = joined([p.image for p in self.patches])
-        return np.asarray(gaussian_kernels(image, lengths_mm) * np.outer(cosine, cosine))
+        return gaussian_kernels(image, lengths_mm) * np.outer(cosine, cosine)
 
     def uneven(self, lengths_mm: Array) -> Array:
         """Covariance (L, B, B) of patch heights by unevenness of variance 1, independent from face to face."""
@@ -103,11 +103,11 @@ class _Faces:
         """Covariance (B, B) of patch heights by white noise and errors of variances (2, S), see `patch_covariance`."""
         forms = (self.along_sight, self.uneven)
         correlated = patch_covariance(forms, size_mm2, declared_mm2, declared_length_mm, edge_mm)
-        return np.asarray(correlated + np.diag(self.variance_mm2))
+        return correlated + np.diag(self.variance_mm2)
 
     def moved(self, kernels: Array) -> Array:
         """Covariance (L, 9, 9) of the planes by errors whose covariance over the patches is `kernels` (L, B, B)."""
-        return np.asarray(self.influence.T @ kernels @ self.influence)
+        return self.influence.T @ kernels @ self.influence
 
 
 def plane_uncertainty(

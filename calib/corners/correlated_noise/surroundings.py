@@ -116,4 +116,4 @@ def _interpolated(values: Array, place: Array) -> Array:
     """Columns of `values` (S, W), interpolated linearly at fractional indices `place` (W,), clamped to the range."""
     place = np.clip(place, 0, values.shape[1] - 1)
     low = np.minimum(place.astype(np.int64), values.shape[1] - 2)
-    return np.asarray(values[:, low] + (place - low) * (values[:, low + 1] - values[:, low]))
+    return values[:, low] + (place - low) * (values[:, low + 1] - values[:, low])

@@ -44,4 +44,4 @@ def angle_derivative(planes: Sequence[Plane]) -> Array:
 def turned_normals(planes: Sequence[Plane], moves: Array) -> Array:
     """Unit normals (3, 3) of the planes after their heights and slopes are moved by `moves` (9,)."""
     turned = np.array([p.normal - moves[3 * i + 1 : 3 * i + 3] @ p.axes for i, p in enumerate(planes)])
-    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+    return turned / np.linalg.norm(turned, axis=1, keepdims=True)

@@ -67,7 +67,7 @@ def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Ou
     """
     one, other = along_edges(heights, face, jig)
     inside = FaceOutline.of(outline, face).inward(one, other) > margin_mm
-    return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
+    return inside & (np.abs(heights[:, face]) <= band_mm)
 
 
 def without_far_points(along_mm: Array) -> BoolArray:
@@ -200,7 +200,7 @@ def share_beyond(along: Array, across: Array) -> float:
 def _inside(rectangular: bool) -> BoolArray:
     """Mask of the cells that lie completely in a face, a rectangle or a triangle."""
     row, column = np.indices((_CELLS, _CELLS))
-    return np.asarray((row + column <= _CELLS - 2) | rectangular)
+    return (row + column <= _CELLS - 2) | rectangular
 
 
 def _in_cells(a: Array, b: Array, count: int) -> IndexArray:

@@ -205,7 +205,7 @@ def moved_back(
     """Points (N, 3) of a face moved along their rays to undo the change of range by mixing across the face's edges."""
     sight = _sight(local, origin)
     pulls = _range_moves(sight, planes, face, origin, mixed.grid, jig) @ mixed.shares
-    return np.asarray(local - pulls[:, None] * sight.ways)
+    return local - pulls[:, None] * sight.ways
 
 
 def seen_on_face(

@@ -173,7 +173,7 @@ def _compared(calibration: Calibration, observed: Observations, side: _CameraSid
     basis = orthonormal(always / size)
 
     def apart(columns: Array) -> Array:
-        return np.asarray(columns - basis @ (basis.T @ columns))
+        return columns - basis @ (basis.T @ columns)
 
     count = len(side.of_images)
     data = np.concatenate([apart(y[:, None])[:, 0], side.of_images])

@@ -35,13 +35,13 @@ class BoardInImage:
         """Poses (N, 4, 4) of the board in the camera's frame, by poses of the flange."""
         camera, board = self.placed.parent_T_camera, self.placed.parent_T_board
         if self.placed.on_flange:
-            return np.asarray(frames.invert(base_T_flange @ camera) @ board)
-        return np.asarray(frames.invert(camera) @ base_T_flange @ board)
+            return frames.invert(base_T_flange @ camera) @ board
+        return frames.invert(camera) @ base_T_flange @ board
 
     def cosines(self, base_T_flange: Array) -> Array:
         """Cosines (N,) of the board's tilt against the line of sight; below 0 where its back is seen."""
         at = self.camera_T_board(base_T_flange)
-        return np.asarray(np.sum(at[:, :3, 2] * at[:, :3, 3], axis=1) / np.linalg.norm(at[:, :3, 3], axis=1))
+        return np.sum(at[:, :3, 2] * at[:, :3, 3], axis=1) / np.linalg.norm(at[:, :3, 3], axis=1)
 
     def too_steep(self, base_T_flange: Array) -> BoolArray:
         """(N,) whether the board is more tilted than where it was measured, and a little more."""
@@ -67,7 +67,7 @@ class BoardInImage:
         # A polynomial of distortion may bring what lies far beside the image back into it.
         width, height = 0.5 * size / np.array(self.lens.numbers[:2])
         wide = np.linalg.norm(seen_mm[:, :, :2], axis=2) < 1.5 * np.hypot(width, height) * seen_mm[:, :, 2]
-        return np.asarray(before & inside & wide.all(axis=1))
+        return before & inside & wide.all(axis=1)
 
 
 def board_in_image(dataset: Dataset, setup: str) -> BoardInImage | None:

@@ -6,7 +6,7 @@ them moves the board to where the declared lens and size show it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.brief import Brief
+from calib.calibration.orientation_errors import residuals_of_all_poses
 from calib.calibration.result import Calibration
 from calib.extras.camera.lens import project
 from calib.extras.camera.observed import camera_of
@@ -52,13 +53,8 @@ def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
     if camera is None or calibration.residual != "pose":
         return ()
     model, x = calibration.model, calibration.fit.x
-    training, residuals = _fitted_residuals(calibration)
-    placed = residuals.frames_and_hand_eye(x)
-    everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
-    everything = replace(everything, scanner_T_base=training.scanner_T_base)
-    residuals = PoseResiduals(model, everything)
-    errors = residuals.errors(placed, *predict_poses(model, x, everything))
-    points = everything.points.free_of(None)
+    residuals, errors = residuals_of_all_poses(model, x, calibration.fitted_dataset, dataset)
+    points = residuals.observed.points.free_of(None)
     assert points.orientations is not None
     turns = frames.rotation_from_rotvec(errors[:, 3:]) @ points.orientations.scanner_R_jig
     seen = []
@@ -70,17 +66,12 @@ def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
     return tuple(ReprojectedView(view, role, project(numbers, camera_mm)) for view, role, camera_mm in seen)
 
 
-def _fitted_residuals(calibration: Calibration) -> tuple[Observations, PoseResiduals]:
-    model = calibration.model
-    training = with_nominal_scanner_frames(Observations.of(calibration.fitted_dataset), model.placed_robot)
-    return training, PoseResiduals(model, training)
-
-
 def full_pose_errors(calibration: Calibration) -> Array:
     """Errors (M, 6) at the poses of a fit of full poses, predicted minus measured: mm, and rotation vectors in rad."""
-    training, residuals = _fitted_residuals(calibration)
-    x = calibration.fit.x
-    return residuals.errors(residuals.frames_and_hand_eye(x), *predict_poses(calibration.model, x, training))
+    model, x = calibration.model, calibration.fit.x
+    training = with_nominal_scanner_frames(Observations.of(calibration.fitted_dataset), model.placed_robot)
+    residuals = PoseResiduals(model, training)
+    return residuals.errors(residuals.frames_and_hand_eye(x), *predict_poses(model, x, training))
 
 
 def rms_px(views: tuple[ReprojectedView, ...]) -> float | None:

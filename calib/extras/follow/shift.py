@@ -165,4 +165,4 @@ def _base_R_tool(dataset: Dataset, observed: Observations) -> Array:
     """Nominal attitude (M, 3, 3) of the tool at the observed points."""
     robot = dataset.robot
     chain = forward(robot.table, dataset.poses.q[observed.points.pose], robot.is_revolute, robot.base_T_first)
-    return np.asarray(chain.base_T_frame[:, -1, :3, :3])
+    return chain.base_T_frame[:, -1, :3, :3]

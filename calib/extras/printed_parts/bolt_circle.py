@@ -73,7 +73,7 @@ class BoltCircle:
     def centres_mm(self) -> Array:
         """Places (count, 2) of the bolts in the flange's plane."""
         angles = 2 * np.pi * (np.arange(self.count) + 0.5) / self.count
-        return np.asarray(self.diameter_mm / 2 * np.column_stack([np.cos(angles), np.sin(angles)]))
+        return self.diameter_mm / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
 
     def holes(self) -> list[Array]:
         """Outlines (N, 2) of the holes, counter-clockwise; the bolts' circles touch their sides."""

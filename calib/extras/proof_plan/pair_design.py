@@ -79,7 +79,7 @@ class PairDesign:
         size = np.sqrt(np.maximum(np.einsum("ckk->ck", information[:, :n, :n]), 1e-12))
         own = information[:, :n, :n] / size[:, :, None] / size[:, None, :] + _FREE * np.eye(n)
         across = information[:, :n, n:] / size[:, :, None]
-        return np.asarray(information[:, n:, n:] - np.swapaxes(across, 1, 2) @ np.linalg.solve(own, across))
+        return information[:, n:, n:] - np.swapaxes(across, 1, 2) @ np.linalg.solve(own, across)
 
 
 @one_blas_thread()

@@ -47,7 +47,7 @@ class CheckPoints:
         if any(one.points is not None and one.points.lengths is not None for one in (new, base.dataset)):
             raise FitError(f"dataset {new.name}: lengths from anchors are not watched; measured points are needed")
         later = replace(new, poses=new.poses.measured_later())
-        observed = Observations.of(later, np.ones(len(new.poses), dtype=bool))
+        observed = Observations.of_all(later)
         count = len(np.unique(observed.points.pose))
         if count < _FEWEST:
             raise FitError(f"dataset {new.name}: found {count} measured poses; a check takes {_FEWEST} or more")

@@ -91,7 +91,7 @@ class Misfit(Brief):
 def _tails(calibration: Calibration) -> float:
     """Variance of the squared errors of single training poses, over that of normal errors of the same size."""
     dataset, after = calibration.dataset, calibration.after
-    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    observed = Observations.of_all(dataset)
     fitted = ~after.is_test if after.is_outlier is None else ~after.is_test & ~after.is_outlier
     rows = fitted[after.pose]
     whitened = np.einsum("mij,mj->mi", whitener(observed.covariance_mm2[rows]), after.error_mm[rows])

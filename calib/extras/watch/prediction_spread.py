@@ -120,4 +120,4 @@ class ErrorCovariance(Brief):
 
 def _without(values: Array, basis: Array) -> Array:
     """Values (R, ...) with the span of orthonormal columns (R, L) projected out."""
-    return np.asarray(values - basis @ (basis.T @ values))
+    return values - basis @ (basis.T @ values)

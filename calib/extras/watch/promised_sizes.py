@@ -112,7 +112,7 @@ def _directions(columns: Array) -> Iterator[Array]:
 def _drawn(count: int) -> Array:
     """Unit vectors (D, K) in directions drawn at random, one a draw."""
     drawn = np.random.default_rng(1).normal(size=(_DRAWS, count))
-    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class _Levels:
 
     def gains(self, y: Array) -> Array:
         """Chi squared (D, T) that each test's change explains of residuals (D, 3 M)."""
-        return np.asarray(np.add.reduceat((y @ self.basis) ** 2, self.starts, axis=1))
+        return np.add.reduceat((y @ self.basis) ** 2, self.starts, axis=1)
 
     def limits(self, family_wise: float) -> Array:
         """Gains (T,) from which a single test makes the family-wise p-value pass a level."""
@@ -149,7 +149,7 @@ class _Levels:
     def single(self, p_values: float | Array) -> Array:
         """Gains (T,) from which each test by itself has a p-value below the given one."""
         level = np.minimum(p_values, 1.0)
-        return np.asarray(self.counts * special.fdtri(self.counts, self.noise_dof, 1.0 - level))
+        return self.counts * special.fdtri(self.counts, self.noise_dof, 1.0 - level)
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ class _Judge:
             return np.ones(len(self.coloured), dtype=bool)
         levels = _Levels.of(motion, self.cell.fixed.noise_dof)
         y = self._whitened(self.cell.fixed, model, vector)
-        return np.asarray((levels.gains(y) < levels.single(ALONE))[:, 0])
+        return (levels.gains(y) < levels.single(ALONE))[:, 0]
 
     def least_size(self, judged: Callable[[float], BoolArray], least: float | None = _NONE) -> float | None:
         """Least size at which `PROMISED` of the draws are judged well; None where none is large enough.

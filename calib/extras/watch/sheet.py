@@ -88,7 +88,7 @@ def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iter
 def _observed(base: Calibration, new: Dataset) -> Observations:
     """Observations of all new points, with scanner frames fitted to the nominal robot."""
     later = replace(new, poses=new.poses.measured_later())
-    observed = Observations.of(later, np.ones(len(new.poses), dtype=bool))
+    observed = Observations.of_all(later)
     return with_nominal_scanner_frames(observed, base.model.placed_robot)
 
 

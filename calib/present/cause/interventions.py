@@ -97,7 +97,7 @@ def _together(diagnosis: Diagnosis, joint_fit: JointFit) -> Words:
 def _joint_values(diagnosis: Diagnosis, joint_fit: JointFit) -> list[tuple[str, int | None, str, float, float, str]]:
     """Effect, joint, parameter, value, sigma and unit of each proven value in the fit of all together."""
     fit = joint_fit.calibration.fit
-    found = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    found = fit.by_name
     return [
         (proof.effect, proof.joint, proof.parameter, *found[proof.full_name], proof.unit)
         for proof in {one.full_name: one for one in diagnosis.proven}.values()

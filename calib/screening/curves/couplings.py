@@ -15,7 +15,7 @@ from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.kinematics.robot import Robot
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence
-from calib.screening.curves.joint_curves import MIN_LOG_EVIDENCE, MIN_VISIBLE, MOST_WORK, LearnedCurves
+from calib.screening.curves.joint_curves import MIN_LOG_EVIDENCE, MOST_WORK, LearnedCurves, visible_modes
 from calib.screening.curves.law_search import MIN_STANDARD_ERRORS, left_out_with, standard_errors_of_fall
 from calib.screening.curves.smooth_joint_error import CouplingModes, SmoothJointError
 from calib.screening.left_out import left_out_errors_mm
@@ -54,13 +54,9 @@ def learn_couplings(projected: ProjectedResidual) -> LearnedCurves | None:
     members: list[SmoothJointError] = []
     for k, joint in enumerate(turning):
         spread = posterior.prior_sigma[member == k] * noise
-        _, size, turn = np.linalg.svd(at_poses * spread, full_matrices=False)
-        mode_rms = size / np.sqrt(len(at_poses))
-        weights = spread[:, None] * turn.T / np.maximum(mode_rms, 1e-300)
-        shows = np.linalg.norm(blocks[k] @ weights, axis=0) * mode_rms > MIN_VISIBLE * noise
-        if np.any(shows):
-            sigmas = tuple(mode_rms[shows].tolist())
-            members.append(SmoothJointError(joint, CouplingModes(inputs, weights[:, shows]), sigmas))
+        weights, sizes = visible_modes(at_poses * spread, spread, blocks[k], noise)
+        if sizes:
+            members.append(SmoothJointError(joint, CouplingModes(inputs, weights), sizes))
     if not members:
         return None
     left_out_mm = left_out_with(projected, members, noise)

@@ -47,6 +47,12 @@ class CurveColumns:
     order: IndexArray  # (K,) n
     shares: BoolArray  # (K,) whether the spectrum is the one that all curves over angles share
 
+    @staticmethod
+    def of_one_size(columns: Array) -> CurveColumns:
+        """Columns (R, K) of one curve whose coefficients have one size and no spectrum."""
+        zero = np.zeros(columns.shape[1], dtype=np.int64)
+        return CurveColumns(columns, zero, zero, zero.astype(bool))
+
     def joined(self, other: CurveColumns) -> CurveColumns:
         """The columns of these curves followed by the columns of other curves."""
         after = int(self.member.max()) + 1 if len(self.member) else 0
@@ -63,6 +69,12 @@ class Spectrum:
     """Hyperparameters of the curves, as logarithms: size of each curve, common bandwidth, and slope of the spectrum."""
 
     logs: Array  # (M + 2,)
+
+    @staticmethod
+    def with_size(before: Spectrum | None, log_size: float) -> Spectrum:
+        """Spectrum with a further curve; `before`: without it, None where it is the first."""
+        logs = np.log([20.0, 2.0]) if before is None else before.logs
+        return Spectrum(np.concatenate([logs[:-2], [log_size], logs[-2:]]))
 
 
 class CurveEvidence:
@@ -237,7 +249,7 @@ class CurveEvidence:
 def _gram(columns: Array, before: Array | None) -> Array:
     """Gram matrix (K, K) of columns (R, K), of the first of which it is known."""
     if before is None:
-        return np.asarray(columns.T @ columns)
+        return columns.T @ columns
     known = len(before)
     cross = columns.T @ columns[:, known:]
     return np.block([[before, cross[:known]], [cross[:known].T, cross[known:]]])
@@ -274,7 +286,7 @@ class CurvePosterior:
 def _squares(columns: Array) -> Array:
     """Gram matrices (G, W, W) of G sets of W columns (R, G, W)."""
     by_set = np.moveaxis(columns, 0, 1)
-    return np.asarray(np.swapaxes(by_set, 1, 2) @ by_set)
+    return np.swapaxes(by_set, 1, 2) @ by_set
 
 
 def _factor(inner: Array) -> Array:

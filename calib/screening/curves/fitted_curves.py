@@ -67,7 +67,7 @@ class FittedCurve:
     @property
     def inside(self) -> BoolArray:
         """Mask (G,) of the places that lie within the measured range of the input."""
-        return np.asarray((self.u >= self.measured[0]) & (self.u <= self.measured[-1]))
+        return (self.u >= self.measured[0]) & (self.u <= self.measured[-1])
 
     @property
     def largest(self) -> tuple[float, float]:

@@ -159,11 +159,9 @@ def _learned(projected: ProjectedResidual, highest: int) -> _Found | None:
         if best < 0 or gains[best][0] < _MIN_GAIN + np.log(len(gains)):
             break
         paid += float(np.log(len(gains)))
-        start = np.log([20.0, 2.0]) if spectrum is None else spectrum.logs[-2:]
-        sizes = np.zeros(0) if spectrum is None else spectrum.logs[:-2]
         chosen.append(others.pop(best))
         evidence = evidence.joined(chosen[-1].columns)
-        value, spectrum = evidence.best((Spectrum(np.concatenate([sizes, [gains[best][1]], start])),))
+        value, spectrum = evidence.best((Spectrum.with_size(spectrum, gains[best][1]),))
     if spectrum is None or value - paid < MIN_LOG_EVIDENCE:
         return None
     members = _members(projected, chosen, evidence, spectrum)
@@ -351,15 +349,28 @@ def _curve_member(
     noise = float(np.sqrt(found.quadratic / evidence.dof))
     spread = found.prior_sigma[of_member] * noise
     at_poses = candidate.modes.at(input_values(projected.state, candidate.modes.input)) * spread
-    _, size, turn = np.linalg.svd(at_poses, full_matrices=False)
-    rms = size / np.sqrt(len(at_poses))
-    weights = spread[:, None] * turn.T / np.maximum(rms, 1e-300)
-    shows = np.linalg.norm(candidate.columns.columns @ weights, axis=0) * rms > MIN_VISIBLE * noise
-    if not np.any(shows):
+    weights, sizes = visible_modes(at_poses, spread, candidate.columns.columns, noise)
+    if not sizes:
         return None
     m = candidate.modes
-    modes = CurveModes(m.input, m.orders, weights[:, shows], m.start, m.rate, m.low, m.high)
-    return SmoothJointError(candidate.joint, modes, tuple(rms[shows].tolist()))
+    modes = CurveModes(m.input, m.orders, weights, m.start, m.rate, m.low, m.high)
+    return SmoothJointError(candidate.joint, modes, sizes)
+
+
+def visible_modes(at_poses: Array, spread: Array, columns: Array, noise: float) -> tuple[Array, tuple[float, ...]]:
+    """Karhunen-Loeve modes of a curve that show, as weights (K, L) of its coefficients, and their usual sizes.
+
+    Args:
+        at_poses: (N, K) motions of the joint by the coefficients, each of its prior size.
+        spread: (K,) these sizes.
+        columns: (R, K) changes of the residual by a unit of each coefficient.
+        noise: sigma of the residual.
+    """
+    _, size, turn = np.linalg.svd(at_poses, full_matrices=False)
+    usual = size / np.sqrt(len(at_poses))
+    weights = spread[:, None] * turn.T / np.maximum(usual, 1e-300)
+    shows = np.linalg.norm(columns @ weights, axis=0) * usual > MIN_VISIBLE * noise
+    return weights[:, shows], tuple(usual[shows].tolist())
 
 
 # ---- short formulas -------------------------------------------------------------------------------------------------
@@ -404,7 +415,7 @@ def find_formula(
         columns_of: (N, K) motions of the joint to whitened, projected columns (R, K).
     """
     terms = candidate_terms(input_name, u)
-    blocks = [_block(columns_of(term.at(u))) for term in terms]
+    blocks = [CurveColumns.of_one_size(columns_of(term.at(u))) for term in terms]
     price = float(np.log(len(terms)))
     chosen: list[int] = []
     sizes: list[float] = []
@@ -422,12 +433,6 @@ def find_formula(
             modes = FormulaModes(input_name, tuple(terms[k] for k in chosen))
             found = tuple((blocks[k], size) for k, size in zip(chosen, sizes, strict=True))
             return FoundFormula(modes, tuple(sizes), found, gain)
-        logs = np.concatenate([at.logs[:-2], [gains[best][1]], at.logs[-2:]])
         given, further = given.joined(blocks[best]), further.beside(blocks[best])
-        at = Spectrum(logs)
+        at = Spectrum.with_size(at, gains[best][1])
     return None
-
-
-def _block(columns: Array) -> CurveColumns:
-    zero = np.zeros(columns.shape[1], dtype=np.int64)
-    return CurveColumns(columns, zero, zero, zero.astype(bool))

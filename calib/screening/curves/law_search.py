@@ -62,7 +62,7 @@ class LawColumns:
     @property
     def blocks(self) -> list[CurveColumns]:
         """The laws' columns in the form that the evidence takes, each a member of its own."""
-        return [_block(columns) for columns in self.columns]
+        return [CurveColumns.of_one_size(columns) for columns in self.columns]
 
 
 def law_columns(projected: ProjectedResidual, besides: Collection[str] = ()) -> LawColumns:
@@ -110,10 +110,8 @@ def search_laws(projected: ProjectedResidual) -> FoundLaws | None:
         near = [k for k in order[1:] if gains[best][0] - gains[k][0] < AS_LIKELY]
         picked.append((gains[best][0] - price, _unlike(tried.forms[best], [tried.forms[k] for k in near])))
         chosen.append(best)
-        start = np.log([20.0, 2.0]) if spectrum is None else spectrum.logs[-2:]
-        sizes = np.zeros(0) if spectrum is None else spectrum.logs[:-2]
         evidence, further = evidence.joined(blocks[best]), further.beside(blocks[best])
-        spectrum = evidence.best((Spectrum(np.concatenate([sizes, [gains[best][1]], start])),))[1]
+        spectrum = evidence.best((Spectrum.with_size(spectrum, gains[best][1]),))[1]
     if spectrum is None:
         return None
     noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
@@ -179,8 +177,3 @@ def _unlike(best: LawForm, others: Sequence[LawForm]) -> tuple[LawForm, ...]:
         if (other.kind, other.joint) != (best.kind, best.joint):
             out.setdefault((other.kind, other.joint), other)
     return tuple(out.values())
-
-
-def _block(columns: Array) -> CurveColumns:
-    zero = np.zeros(columns.shape[1], dtype=np.int64)
-    return CurveColumns(columns, zero, zero, zero.astype(bool))

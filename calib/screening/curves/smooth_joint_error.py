@@ -77,7 +77,7 @@ class CouplingModes:
         """Values (N, K) of the errors at the poses of a state."""
         angles = np.column_stack([input_values(state, name) for name in self.inputs])
         waves = np.stack([np.sin(angles), np.cos(angles)], axis=-1).reshape(len(angles), -1)
-        return np.asarray(waves @ self.weights)
+        return waves @ self.weights
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -280,7 +280,7 @@ def input_values(state: RobotState, name: str) -> Array:
     poses, of_joint, summed = state.poses, joint_input(name), summed_joints(name)
     if summed is not None:
         first, sign, second = summed
-        return np.asarray(poses.q[:, first] + sign * poses.q[:, second])
+        return poses.q[:, first] + sign * poses.q[:, second]
     history = history_input(name)
     if history is not None:
         return _way_values(state, history)
@@ -310,9 +310,9 @@ def _way_values(state: RobotState, history: HistoryInput) -> Array:
     """
     poses, joint = state.poses, history.joint
     if history.quantity == "travel":
-        return np.asarray(poses.motion[:, joint])
+        return poses.motion[:, joint]
     if history.quantity == "previous":
-        return np.asarray(poses.came_from[:, joint])
+        return poses.came_from[:, joint]
     sequence = poses.sequence
     way = np.diff(sequence.q[:, joint], prepend=sequence.q[0, joint])
     if history.quantity == "travelled":

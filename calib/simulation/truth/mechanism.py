@@ -183,12 +183,12 @@ def moved_by(a_T_b: Array, turn_rad: Array, shift_mm: Array | None = None) -> Ar
     step[:, :3, :3] = Rotation.from_rotvec(turn_rad).as_matrix()
     if shift_mm is not None:
         step[:, :3, 3] = shift_mm
-    return np.asarray(a_T_b @ step)
+    return a_T_b @ step
 
 
 def in_frame(base_T_frame: Array, vector: Array) -> Array:
     """Vectors (N, 3) of the base in the axes of a frame (N, 4, 4)."""
-    return np.asarray(np.einsum("nji,nj->ni", base_T_frame[:, :3, :3], vector))
+    return np.einsum("nji,nj->ni", base_T_frame[:, :3, :3], vector)
 
 
 def _turn(axis: str, angle_rad: Array) -> Array:

@@ -70,7 +70,7 @@ class ScannerDrift(SampledEffect):
         move = np.tile(np.eye(4), (len(t), 1, 1))
         move[:, :3, :3] = Rotation.from_rotvec(t * self.w_rad_per_s).as_matrix()
         move[:, :3, 3] = t * self.v_mm_per_s
-        return np.asarray(move @ scanner_T_target)
+        return move @ scanner_T_target
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:

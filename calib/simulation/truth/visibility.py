@@ -99,7 +99,7 @@ class SimulatedCell:
         moves = size > 1e-6 * size.max()  # a column below that is rounding
         jacobian = jacobian[:, moves] / size[moves]
         left, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
-        return np.asarray(left[:, singular > 1e-7 * singular[0]])
+        return left[:, singular > 1e-7 * singular[0]]
 
     def _link_columns(self) -> list[Array]:
         """Displacements (N, 3) by each link parameter, scanner frame: central differences, steps 1 mm and 1e-4 rad."""

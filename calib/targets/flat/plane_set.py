@@ -173,7 +173,7 @@ def _information(plane: PlaneFit) -> Array:
     design = plane.design(plane.points_mm)
     values = plane.psi_mm / plane.slope
     variance = max(float(values @ values) / max(len(values) - 3, 1), 1e-18)
-    return np.asarray(design.T @ design / variance)
+    return design.T @ design / variance
 
 
 def _with_others(

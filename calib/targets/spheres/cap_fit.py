@@ -162,7 +162,7 @@ def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixe
 def _bend(sine: Array, radius: float) -> Array:
     """Mean height (N,) of points over a sphere when blurred with a variance of 1 mm^2: -(1 + 1 / cos^2 i) / 2 r."""
     square = np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)
-    return np.asarray(-(1 + 1 / square) / (2 * radius))
+    return -(1 + 1 / square) / (2 * radius)
 
 
 def _shows_blur(rows: Array, over: Array, weight: Array) -> bool:
@@ -188,13 +188,13 @@ def _unfitted_blur(rows: Array, bend: Array, values: Array, sigma: Array, typica
     shrunk = typical_mm2**2 / (typical_mm2**2 + variance)
     odds = np.sqrt(1 - shrunk) * np.exp(min(0.5 * shrunk * estimate**2 / variance, 100.0))
     squared = odds / (1 + odds) * ((shrunk * estimate) ** 2 + shrunk * variance)
-    return np.asarray(squared * np.outer(moves, moves))
+    return squared * np.outer(moves, moves)
 
 
 def _within(points: Array, centre: Array, radius: float, band_mm: float) -> BoolArray:
     """Mask (N,): whether points (N, 3) lie within `band_mm` of the sphere's surface."""
     way = points - centre
-    return np.asarray(np.abs(np.sqrt(np.einsum("ni,ni->n", way, way)) - radius) < band_mm)
+    return np.abs(np.sqrt(np.einsum("ni,ni->n", way, way)) - radius) < band_mm
 
 
 def _spacing(points: Array, centre: Array, radius: float) -> float:
@@ -247,7 +247,7 @@ def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
     step = max(1, len(direction) // 30_000)
     tree = spatial.cKDTree(direction[::step])
     near = np.asarray(tree.query(direction, k=k)[1]).reshape(len(direction), k)
-    return np.asarray(off[::step][near].mean(axis=1) <= max(_MOST_OFF, 1.5 * off.mean()))
+    return off[::step][near].mean(axis=1) <= max(_MOST_OFF, 1.5 * off.mean())
 
 
 def _step(normal: Array, right: Array) -> tuple[Array | None, Array]:

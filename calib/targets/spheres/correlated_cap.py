@@ -62,7 +62,7 @@ def with_correlated_errors(
     total = np.bincount(patch, weight)
 
     def mean(column: Array) -> Array:
-        return np.asarray(np.bincount(patch, weight * column) / total)
+        return np.bincount(patch, weight * column) / total
 
     values = mean(fit.pseudo_mm)
     design = np.column_stack([mean(column) for column in fit.design.T])
@@ -76,10 +76,10 @@ def with_correlated_errors(
     influence = (design * total[:, None]) @ white / variance  # (B, P)
 
     def along_sight(lengths_mm: Array) -> Array:
-        return np.asarray(gaussian_kernels(places, lengths_mm) * np.outer(cosine, cosine))
+        return gaussian_kernels(places, lengths_mm) * np.outer(cosine, cosine)
 
     def moved(kernels: Array) -> Array:
-        return np.asarray(influence.T @ kernels @ influence)
+        return influence.T @ kernels @ influence
 
     kernels = along_sight(LENGTHS * diameter_mm)
     sizes_mm = SIZES * fit.sigma_mm

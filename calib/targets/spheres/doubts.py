@@ -119,7 +119,7 @@ def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
     axes = np.linalg.svd(fit.centre_mm[None])[2][1:]
     rays = points @ axes.T / np.maximum(points @ fit.centre_mm / away**2, 1e-9)[:, None]
     cells = np.clip(np.floor((rays / fit.radius_mm + 1) * half), 0, 2 * half - 1).astype(np.int64)
-    return np.asarray(cells[:, 0] * 2 * half + cells[:, 1])
+    return cells[:, 0] * 2 * half + cells[:, 1]
 
 
 def _solid(points: Array, behind: BoolArray, about: BoolArray) -> tuple[Array, BoolArray]:

@@ -28,14 +28,12 @@ class NoiseGrowth:
     def sigma(self, sine: Array) -> Array:
         """Sigmas (K,) of the distances, mm, for sines (K,) of the incidence."""
         g = _lean(sine)
-        return np.asarray(
-            self.sigma_mm * np.clip(np.exp(self.powers[0] * g + self.powers[1] * g**2), 0.5, _MOST_GROWTH)
-        )
+        return self.sigma_mm * np.clip(np.exp(self.powers[0] * g + self.powers[1] * g**2), 0.5, _MOST_GROWTH)
 
 
 def _lean(sine: Array) -> Array:
     """Measure g = -log cos i (K,) of the incidence i, from sines (K,) of the incidence."""
-    return np.asarray(-0.5 * np.log(np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)))
+    return -0.5 * np.log(np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2))
 
 
 def growth_of(over: Array, sine: Array) -> NoiseGrowth:

@@ -179,4 +179,4 @@ def touching(bodies: ArmBodies, start_mm: Array, end_mm: Array, pairs: IndexArra
     """Mask (N, M): whether pairs of bodies meet, for axes from start to end (N, K, 3)."""
     i, j = pairs.T
     apart = between_segments(start_mm[:, i], end_mm[:, i], start_mm[:, j], end_mm[:, j])
-    return np.asarray(apart < bodies.radius_mm[i] + bodies.radius_mm[j])
+    return apart < bodies.radius_mm[i] + bodies.radius_mm[j]

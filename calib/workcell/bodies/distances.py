@@ -48,7 +48,7 @@ def pass_box(a0: Array, a1: Array, low_mm: Array, high_mm: Array) -> BoolArray:
     one, other = (low_mm - a0) / along, (high_mm - a0) / along
     enters = np.minimum(one, other).max(axis=-1)
     leaves = np.maximum(one, other).min(axis=-1)
-    return np.asarray((enters <= leaves) & (leaves >= 0.0) & (enters <= 1.0))
+    return (enters <= leaves) & (leaves >= 0.0) & (enters <= 1.0)
 
 
 def _dot(a: Array, b: Array) -> Array:
