@@ -7,6 +7,7 @@ they multiply: `base_T_target = base_T_flange @ flange_T_target`. Lengths are mi
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,6 +126,11 @@ def skew(vectors: ArrayLike) -> Array:
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
     return out
+
+
+def frames_by_name(frame_of_name: Mapping[str, Array], names: Iterable[object]) -> Array:
+    """Frames (N, 4, 4) of names, one for each name."""
+    return np.stack([frame_of_name[str(name)] for name in names])
 
 
 def frame_motion(points_mm: Array, centre_mm: Array) -> Array:

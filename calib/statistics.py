@@ -30,9 +30,20 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
 
 
+def axis_variances(covariances: Array) -> Array:
+    """Variances (N,) along one axis, in the mean over all three, of errors with these covariances (N, 3, 3)."""
+    return np.trace(covariances, axis1=1, axis2=2) / 3.0
+
+
 def axis_sigma(covariances: Array) -> float:
     """Sigma along one axis of errors in space with these covariances (N, 3, 3), root mean square."""
     return float(np.sqrt(np.mean(np.trace(covariances, axis1=1, axis2=2)) / 3.0))
+
+
+def group_numbers(keys: ArrayLike) -> IndexArray:
+    """Number (N,) of each value's group, of values (N,) or rows (N, K); equal ones are a group, the least the first."""
+    keys = np.asarray(keys)
+    return np.unique(keys, axis=0 if keys.ndim > 1 else None, return_inverse=True)[1].reshape(-1)
 
 
 def group_sums(values: Array, group: IndexArray, groups: int) -> Array:

@@ -36,6 +36,7 @@ from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import BACK_LEVEL, LEVEL, fit_inliers, inlying_points, resistant_core
 from calib.fitting.table_evidence import TIP, sigmas_near_table
 from calib.fitting.tool_point import fixed_behind_tool_point
+from calib.frames import frames_by_name
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.kinematics.statics import uncertain_loads
@@ -89,7 +90,7 @@ def _seen_from_anchors(calibration: Calibration) -> Array:
     dataset, frames_of = calibration.dataset, calibration.after.scanner_T_base
     observed = Observations.of_all(dataset)
     base_mm = predict_points(calibration.model, calibration.fit.x, observed)
-    placed = np.stack([frames_of[str(name)] for name in observed.setup])
+    placed = frames_by_name(frames_of, observed.setup)
     return np.einsum("mij,mj->mi", placed[:, :3, :3], base_mm) + placed[:, :3, 3]
 
 

@@ -26,6 +26,7 @@ from calib.fitting.observations import (
     setup_references,
     with_nominal_scanner_frames,
 )
+from calib.frames import frames_by_name
 from calib.lazy_modules import pd
 from calib.statistics import rms
 
@@ -127,7 +128,7 @@ def scanner_T_base_of_points(evaluation: Evaluation, model: Model, x: Array, dat
     if dataset.points.lengths is None:
         return scanner_T_base_of_poses(evaluation, model, x, dataset.poses)[dataset.points.pose]
     observed = Observations.of_all(dataset)
-    return np.stack([evaluation.scanner_T_base[str(name)] for name in observed.setup])
+    return frames_by_name(evaluation.scanner_T_base, observed.setup)
 
 
 def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:

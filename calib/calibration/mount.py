@@ -68,7 +68,7 @@ class CameraPlace(Brief):
 
     def from_tip(self, robot: Robot) -> CameraPlace:
         """The same place in the frame behind the tool row of robot.toml, for a camera on the flange."""
-        chain = kinematics.forward(robot.table, np.zeros((1, robot.n_joints)), robot.is_revolute, robot.base_T_first)
+        chain = kinematics.nominal_chain(robot, np.zeros((1, robot.n_joints)))
         tip_T_flange = frames.invert(chain.base_T_frame[0, -1]) @ chain.base_T_flange[0]
         turn = np.kron(np.eye(2), tip_T_flange[:3, :3])  # a small turn of the camera moves no point of its own origin
         return replace(

@@ -20,6 +20,7 @@ from calib.effects.gravity import loaded_joints
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points, with_scanner_frames
+from calib.frames import frames_by_name
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
 from calib.statistics import group_means, group_sums
@@ -159,7 +160,7 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
         trained &= ~evaluation.is_outlier[everything.points.pose]
     observed = with_scanner_frames(everything, model, x, trained)
     poses, row = observed.used_poses
-    scanner_T_base = np.stack([evaluation.scanner_T_base[str(name)] for name in observed.setup])
+    scanner_T_base = frames_by_name(evaluation.scanner_T_base, observed.setup)
     whiten = observed.whiten
     error_mm = evaluation.error_mm
     raw = np.einsum("mij,mj->mi", whiten, error_mm)

@@ -37,6 +37,7 @@ from calib.dataset.repeats import SIGMA_DOUBT
 from calib.fitting.discrepancy import Discrepancy, distances
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points
+from calib.frames import frames_by_name
 from calib.statistics import covariance_root, left_out_by
 
 Z_90 = 1.6448536269514722
@@ -272,7 +273,7 @@ def _whitened(calibration: Calibration, observed: Observations, known: Discrepan
     fit = fit_uncertainty(calibration, known)
     at_mm = linearise_points(fit.model, fit.x, observed)[0]
     assert observed.scanner_T_base is not None
-    placed = np.stack([observed.scanner_T_base[str(name)] for name in observed.setup])
+    placed = frames_by_name(observed.scanner_T_base, observed.setup)
     error_mm = np.einsum("mij,mj->mi", placed[:, :3, :3], at_mm) + placed[:, :3, 3] - observed.points.xyz_mm
     whiten = observed.whiten
     root = whiten @ _rows(fit, observed, np.ones(len(at_mm), dtype=bool)).root_mm / fit.noise_ratio

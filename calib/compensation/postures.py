@@ -51,14 +51,14 @@ class Posture:
 
 def flange_frames(robot: Robot, q: Array) -> Array:
     """Transforms base_T_flange (N, 4, 4) of the nominal arm: the frame of its last joint, without the tool's row."""
-    frames = kinematics.forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame
+    frames = kinematics.nominal_chain(robot, q).base_T_frame
     return frames[:, -2]
 
 
 def tool_row(robot: Robot) -> Array:
     """Transform flange_T_tool (4, 4) of the tool in robot.toml."""
     q = np.zeros((1, robot.n_joints))
-    frames = kinematics.forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[0]
+    frames = kinematics.nominal_chain(robot, q).base_T_frame[0]
     return np.linalg.inv(frames[-2]) @ frames[-1]
 
 

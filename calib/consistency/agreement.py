@@ -11,7 +11,7 @@ from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Dataset, Points
 from calib.fitting.scanner_frame import orthonormal
 from calib.frames import apply, best_fit_transform, frame_motion
-from calib.kinematics.chain import Chain, forward, point_jacobian
+from calib.kinematics.chain import Chain, nominal_chain, point_jacobian
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.statistics import rms_length
 
@@ -125,13 +125,13 @@ def misfit_mm(robot: Robot, sample: Sample, *, tool_is_known: bool = False) -> f
 
     tool_is_known: whether the tool point is where the table has it, so that only frames are fitted.
     """
-    chain = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, sample.q)
     return _agreement(sample, chain, tool_is_known).misfit_mm
 
 
 def nominal_places(robot: Robot, sample: Sample) -> tuple[float, Array]:
     """`misfit_mm`, and the points' places (N, 3), mm, in the base frame by the nominal arm with that tool point."""
-    agreed = _agreement(sample, forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first), False)
+    agreed = _agreement(sample, nominal_chain(robot, sample.q), False)
     return agreed.misfit_mm, agreed.place_mm
 
 
@@ -142,7 +142,7 @@ def misfit_columns(
 
     entries: indices of the table's entries, row by row.
     """
-    chain = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, sample.q)
     agreed = _agreement(sample, chain, tool_is_known)
     count = len(sample.q)
     by_table = point_jacobian(chain, agreed.place_mm).reshape(count, 3, -1)[..., list(entries)]

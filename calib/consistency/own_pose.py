@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from calib.array_types import Array
 from calib.consistency.agreement import Sample, misfit_mm, sample_of
 from calib.frames import make_transform, rotation_from_rotvec
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 
 AGREES_MM = 0.1  # rms, up to which both are one table: digits of a log, noise of joints
@@ -60,7 +60,7 @@ def table_disagreement_mm(robot: Robot, q: Array, tool_mm: Array) -> float | Non
 
 def _best_mm(robot: Robot, sample: Sample) -> float:
     """Misfit at the best base frame and tool point, all nine numbers fitted at once."""
-    ends = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    ends = nominal_chain(robot, sample.q).base_T_frame[:, -1]
     seen, scale = sample.points_mm, sample.spread_mm
 
     def off(p: Array) -> Array:

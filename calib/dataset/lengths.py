@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Lengths, Points, Poses
 from calib.errors import DatasetError
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot, Vector
 
 _FEWEST = 4  # lengths from which an anchor's place follows
@@ -66,7 +66,7 @@ def with_directions(points: Points, seen_mm: Array) -> Points:
 
 def _nominal_mm(robot: Robot, poses: Poses, points: Points) -> Array:
     """Position (M, 3) of each point's target by the nominal arm, base frame, mm."""
-    chain = forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, poses.q)
     out = chain.target_mm[points.pose].copy()
     for target in robot.targets:
         rows = points.target == target.name

@@ -17,7 +17,7 @@ from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.signals import drive_inputs, link_angle_rad
 from calib.distributions import f_sf
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.drive import HARMONICS, knows_load, term_columns
 from calib.kinematics.robot import DriveTerm, LinkEncoder, Robot
 from calib.rendering import numbers
@@ -102,7 +102,7 @@ def _encoder(dataset: Dataset, joint: int, turn: Array, offset_rad: float, train
 
 def _laws(robot: Robot, poses: Poses, joint: int, trained: IndexArray) -> list[_Law]:
     """Laws that may lie between a motor and its link, at the poses that are fitted."""
-    chain = forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, poses.q)
     names = ["joint_compliance", "gravity_backlash"] if knows_load(robot, joint) else ["unknown_masses"]
     names += ["backlash"] if poses.approach is not None else []
     ratio = robot.joints[joint].gear_ratio

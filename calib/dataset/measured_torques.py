@@ -19,7 +19,7 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.repeats import groups_by_condition
 from calib.dataset.signals import measured_torque_nm
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.robot import MeasuredLoad, Robot
 from calib.kinematics.statics import PER_LINK, masses_and_moments, statics_columns
 from calib.rendering import numbers
@@ -80,7 +80,7 @@ def with_measured_loads(dataset: Dataset) -> Dataset:
             f"{columns}: not used as loads, {len(trained)} poses that are no test poses are fewer than {FEWEST_POSES}"
         )
         return replace(dataset, warnings=(*dataset.warnings, words))
-    chain = forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, poses.q)
     readings = _Readings(robot, poses, chain, found, trained)
     correlation = _correlation_with_weight(readings)
     if abs(correlation) < _FOLLOWS:

@@ -19,7 +19,7 @@ from calib.dataset.signals import is_signal, joints_of_other_bodies, named_tempe
 from calib.distributions import chi2_sf
 from calib.lazy_modules import pd
 from calib.rendering import numbers
-from calib.statistics import group_means, group_sums, ranks
+from calib.statistics import axis_variances, group_means, group_numbers, group_sums, ranks
 
 SAME_JOINT = 1e-6  # deg, or mm of a prismatic joint: joint values that differ by less are the same
 SAME_TEMPERATURE_C = 0.2  # accuracy of a reading of the arm's temperature
@@ -33,13 +33,13 @@ def groups_by_condition(poses: Poses) -> IndexArray:
     """Number (N,) of each pose's group: equal joints of all bodies, setup, payload, approach and temperatures."""
     q_deg = np.degrees(poses.q)  # for a prismatic joint this only makes the comparison stricter
     columns = [ranks(values, SAME_JOINT) for values in q_deg.T]
-    columns.append(np.unique(poses.setup, return_inverse=True)[1])
+    columns.append(group_numbers(poses.setup))
     if poses.payload_kg is not None:
         columns.append(ranks(poses.payload_kg, 1e-9))
     if poses.approach is not None:
         columns += [ranks(values, 0.5) for values in poses.approach.T]
     columns += [ranks(values, SAME_JOINT) for values in joints_of_other_bodies(poses).values()]
-    alike = np.asarray(np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1))
+    alike = np.asarray(group_numbers(np.column_stack(columns)))
     own = [] if poses.temperature_c is None else [poses.temperature_c]
     for temperature_c in (*own, *named_temperatures(poses).values()):
         alike = _split_by_temperature(alike, temperature_c)
@@ -82,12 +82,12 @@ def _visits_differ(dataset: Dataset, group: IndexArray, visit: IndexArray) -> bo
     points, sigma_mm = dataset.points, dataset.scanner.point_sigma_mm
     assert points is not None
     if points.covariance_mm2 is not None:
-        sigma2 = np.trace(points.covariance_mm2, axis1=1, axis2=2) / 3.0
+        sigma2 = axis_variances(points.covariance_mm2)
     elif sigma_mm is not None:
         sigma2 = np.full(len(points), sigma_mm**2)
     else:
         return False
-    target = np.unique(points.target, return_inverse=True)[1]
+    target = group_numbers(points.target)
     keys, of_visit, repeats = np.unique(
         np.column_stack([visit[points.pose], group[points.pose], target]),
         axis=0,
@@ -119,11 +119,11 @@ def average_repeats(dataset: Dataset) -> Dataset:
     if points is None or not len(points) or points.lengths is not None:
         return dataset
     all_groups = repeat_groups(dataset)
-    sides = np.unique(np.column_stack([all_groups, poses.is_test]), axis=0, return_inverse=True)[1].reshape(-1)
+    sides = group_numbers(np.column_stack([all_groups, poses.is_test]))
     measured = np.unique(points.pose)
     if len(np.unique(sides[measured])) == len(measured) == len(points):
         return dataset  # the usual case at once
-    target = np.unique(points.target, return_inverse=True)[1]
+    target = group_numbers(points.target)
     key = np.column_stack([sides[points.pose], target])
     first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)[1:]
     if len(first) == len(points) and len(np.unique(sides[measured])) == len(measured):

@@ -19,11 +19,11 @@ from calib.dataset_import.reading import ImportReport
 from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import visible
 from calib.frames import apply, best_fit_transform, invert
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import TOOL_POINT, Robot, Target
 from calib.kinematics.tool_point import tool_point_of, with_own_tool_point
 from calib.robot_formats.chain.five_parameters import vector
-from calib.statistics import rms_length
+from calib.statistics import group_numbers, rms_length
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import UserTable, split_unit
 
@@ -160,7 +160,7 @@ def with_targets(
     row = np.asarray(row_of, dtype=int)
     usable = (row >= 0) & np.isfinite(xyz_mm).all(axis=1)
     usable[usable] &= np.isfinite(q[row[usable]]).all(axis=1)
-    groups = np.unique(station, return_inverse=True)[1] if len(station) else np.zeros(len(q), dtype=np.int64)
+    groups = group_numbers(station) if len(station) else np.zeros(len(q), dtype=np.int64)
     main = Counter(names[usable].tolist()).most_common(1)[0][0]
     rows = np.flatnonzero(usable & (names == main))
     if len(rows) < _FEWEST:
@@ -221,7 +221,7 @@ def with_targets(
 
 def _on_link(robot: Robot, q: Array, in_base_mm: Array, *, last: bool = False) -> tuple[float, Array, int | None]:
     """Scatter, place (3,) and joint of the link on which points (N, 3) scatter least; None for the last link."""
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     best: tuple[float, Array, int | None] = (np.inf, np.zeros(3), None)
     for k in range(robot.n_joints, robot.n_joints - 1 if last else 0, -1):
         frame = chain.base_T_frame[:, k]

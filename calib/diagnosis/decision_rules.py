@@ -16,7 +16,7 @@ from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FAC
 from calib.screening.curves.joint_curves import MIN_LOG_EVIDENCE as MIN_CURVE_EVIDENCE
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.left_out import left_out_gain
-from calib.statistics import group_means
+from calib.statistics import group_means, group_numbers
 
 MAX_P_VALUE = 0.01  # of an effect, Holm-corrected
 MIN_LOG_EVIDENCE = 3.0
@@ -162,7 +162,7 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
     change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(before.after.error_mm[rows] ** 2, axis=1)
     if before.averaged is not None:  # repeats of one pose change together
         stand = repeat_groups(before.dataset)[before.after.pose[rows]]
-        change = group_means(change, np.unique(stand, return_inverse=True)[1], len(np.unique(stand)))
+        change = group_means(change, group_numbers(stand), len(np.unique(stand)))
         if len(change) < 3:
             return False
     return bool(change.mean() > scatter * change.std(ddof=1) / np.sqrt(len(change)))

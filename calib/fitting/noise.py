@@ -25,6 +25,7 @@ from scipy.linalg import cholesky_banded, solve_banded, solve_triangular
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.noise_shape import CorrelatedDrift, NoiseShape
+from calib.statistics import group_numbers
 
 _ROUNDS = 30
 
@@ -91,7 +92,7 @@ class Moments:
         time = poses.time_s
         known = time is not None and len(np.unique(time)) > 2
         at = np.arange(len(poses), dtype=float) if time is None or not known else time
-        setup = np.unique(poses.setup, return_inverse=True)[1]
+        setup = group_numbers(poses.setup)
         keys, of_point = np.unique(np.column_stack([setup, at])[row], axis=0, return_inverse=True)
         same = np.diff(keys[:, 0]) == 0
         gap = np.concatenate([[np.inf], np.where(same, np.diff(keys[:, 1]), np.inf)])

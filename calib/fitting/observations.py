@@ -18,6 +18,7 @@ from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model, place_of_target
 from calib.fitting.noise import noise_factors, shaped_covariance
 from calib.fitting.scanner_frame import fit_scanner_frame, whitener
+from calib.frames import frames_by_name
 from calib.kinematics import chain as kinematics
 from calib.kinematics.hand_eye import HandEye, solve_hand_eye, with_world_targets
 from calib.kinematics.robot import Robot
@@ -166,11 +167,11 @@ class Observations(Brief):
     def scanner_T_base_at(self, poses: Poses) -> Array:
         """Transforms scanner_T_base (N, 4, 4) at any poses of the observed setups."""
         assert self.scanner_T_base is not None
-        placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
+        placed = frames_by_name(self.scanner_T_base, poses.setup)
         if self.carried_by is None:
             return placed
         arm = self.carried_by
-        chain = kinematics.forward(arm.table, poses.q, arm.is_revolute, arm.base_T_first)
+        chain = kinematics.nominal_chain(arm, poses.q)
         return placed @ frames.invert(chain.base_T_flange)
 
     @cached_property
@@ -244,7 +245,7 @@ def with_observed_targets(robot: Robot, observed: Observations) -> Robot:
 def observed_hand_eye(robot: Robot, observed: Observations) -> HandEye:
     """Pose of the scanner on the flange and of the targets in the world, from the points and the nominal table."""
     poses, row = observed.used_poses
-    chain = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
+    chain = kinematics.nominal_chain(robot, poses.q)
     points = observed.points
     turns = None if points.orientations is None else points.orientations.scanner_R_jig
     return solve_hand_eye(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target, turns)

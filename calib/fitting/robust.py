@@ -33,7 +33,7 @@ from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual import Residuals
 from calib.fitting.trust_region import solve
-from calib.statistics import left_out_by
+from calib.statistics import group_numbers, left_out_by
 
 F = TypeVar("F")  # the fit of `fit_inliers`
 
@@ -93,7 +93,7 @@ def inlying_points(
         prior: whether the fit used a prior.
         back_level: p, times the number of poses, above which a pose that is not in `kept` is taken back.
     """
-    pose = np.unique(observed.points.pose, return_inverse=True)[1]
+    pose = group_numbers(observed.points.pose)
     p_value = _p_values(make, observed, fit, kept, prior=prior) * (int(pose.max()) + 1)
     was_kept = np.ones(len(p_value), dtype=bool)
     was_kept[pose[~kept]] = False
@@ -122,7 +122,7 @@ def _p_values(
     spread = np.where(known, 1.0 / np.sqrt(np.where(known, information, 1.0)), 0.0)
     lever = unweighted[:, None] * np.column_stack([residuals.frame_directions(fit.x), jacobian @ turn * spread])
     error = unweighted * at.residual
-    row_pose = np.repeat(np.unique(observed.points.pose, return_inverse=True)[1], rows)
+    row_pose = np.repeat(group_numbers(observed.points.pose), rows)
     row_kept = np.repeat(kept, rows)
     order = np.argsort(row_pose, kind="stable")
     blocks = np.split(order, np.flatnonzero(np.diff(row_pose[order])) + 1)
@@ -160,7 +160,7 @@ def resistant_core(make: Callable[[Observations], Residuals], observed: Observat
         fit = solve(residuals, start=fit.x, prior=prior)
         if settled:
             break
-    pose = np.unique(observed.points.pose, return_inverse=True)[1]
+    pose = group_numbers(observed.points.pose)
     least = np.full(int(pose.max()) + 1, np.inf)
     np.minimum.at(least, pose, weights)
     kept = np.asarray((least > _LEAST)[pose])

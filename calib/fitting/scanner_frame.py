@@ -7,6 +7,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.errors import FitError
+from calib.statistics import axis_variances
 
 
 def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array, whiten: Array | None = None) -> Array:
@@ -24,7 +25,7 @@ def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array, 
     if whiten is not None:
         scanner_T_base = frames.make_transform(np.eye(3), (scanner_mm - base_mm).mean(axis=0))
     else:
-        sigma2 = np.trace(covariance_mm2, axis1=-2, axis2=-1) / 3.0
+        sigma2 = axis_variances(covariance_mm2)
         scanner_T_base = frames.best_fit_transform(base_mm, scanner_mm, 1.0 / sigma2)
         if np.allclose(covariance_mm2, sigma2[:, None, None] * np.eye(3), rtol=1e-9, atol=0.0):
             return scanner_T_base

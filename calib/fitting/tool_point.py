@@ -191,9 +191,7 @@ class ToolPointProblem:
         """Tool point problem for the measured points of the tool, without those of further targets."""
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
-        flange = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first).base_T_flange[
-            row[is_tool]
-        ]
+        flange = kinematics.nominal_chain(robot, poses.q).base_T_flange[row[is_tool]]
         setup = observed.setup[is_tool]
         return cls(
             flange_mm=flange[:, :3, 3],

@@ -36,7 +36,7 @@ def columns_of(
     if residual not in RESIDUAL_KINDS:
         raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
     require_kind_for(robot, residual)
-    chain = kinematics.forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = kinematics.nominal_chain(robot, q)
     points_mm = chain.target_mm
     if robot.carries_scanner:
         of_target = np.zeros(len(q), dtype=np.int64) if of_target is None else of_target

@@ -22,8 +22,10 @@ from calib.effects.state import RobotState, Seen
 from calib.fitting.model import effect_columns, geometric_model, place_of_target, point_by_state
 from calib.fitting.observations import Observations, predict_points, with_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, whitener
+from calib.frames import frames_by_name
 from calib.intervention.pairs import APPROACH, PairedPoses
 from calib.kinematics.robot import Robot
+from calib.statistics import group_numbers
 
 _FEWEST_OF_RUN = 6
 """Points from which a run gets a motion of the instrument and a shift of the tool of its own."""
@@ -184,14 +186,14 @@ def _with_cells(observed: Observations, place: IndexArray) -> tuple[Observations
     Where no target was measured at two poses of a place, a cell is the place: the target itself was exchanged.
     """
     points = observed.points
-    target = np.unique(points.target, return_inverse=True)[1]
+    target = group_numbers(points.target)
     for keys in (np.column_stack([place[points.pose], target]), place[points.pose][:, None]):
-        cell = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+        cell = group_numbers(keys)
         of_pose = np.unique(np.column_stack([cell, points.pose]), axis=0)[:, 0]
         several = np.bincount(of_pose, minlength=int(cell.max(initial=-1)) + 1) > 1
         if several.any():
             kept = several[cell]
-            return observed.select(kept), np.unique(cell[kept], return_inverse=True)[1].reshape(-1)
+            return observed.select(kept), group_numbers(cell[kept])
     return observed.select(np.zeros(len(points), dtype=bool)), np.zeros(0, dtype=np.int64)
 
 
@@ -203,18 +205,18 @@ def _runs(dataset: Dataset, paired: PairedPoses, pose: IndexArray) -> IndexArray
     """
     level = np.zeros(len(dataset.poses), dtype=np.int64)
     level[paired.poses] = paired.level
-    setup = np.unique(dataset.poses.setup, return_inverse=True)[1]
+    setup = group_numbers(dataset.poses.setup)
     keys = np.column_stack([setup, level])[pose]
-    run = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    run = group_numbers(keys)
     if APPROACH in paired.conditions and np.bincount(run).min() < _FEWEST_OF_RUN:
-        run = np.unique(setup[pose], return_inverse=True)[1]
+        run = group_numbers(setup[pose])
     return np.asarray(run)
 
 
 def _frames_of_runs(observed: Observations, predicted_mm: Array, run: IndexArray) -> Array:
     """Transform scanner_T_base (M, 4, 4) at each point, fitted to its run; that of its setup where a run is short."""
     assert observed.scanner_T_base is not None
-    placed = np.stack([observed.scanner_T_base[str(name)] for name in observed.setup])
+    placed = frames_by_name(observed.scanner_T_base, observed.setup)
     for number in range(int(run.max()) + 1):
         rows = run == number
         if np.count_nonzero(rows) >= _FEWEST_OF_RUN:
@@ -233,7 +235,7 @@ def _states_at_places(
     """
     poses, row = observed.used_poses
     of_pose = place[np.unique(observed.points.pose)]
-    first = np.unique(of_pose, return_index=True)[1][np.unique(of_pose, return_inverse=True)[1].reshape(-1)]
+    first = np.unique(of_pose, return_index=True)[1][group_numbers(of_pose)]
     at_place = replace(poses, q=poses.q[first])
     scanner_T_base = observed.scanner_T_base_at(poses)[first]
     states = {}

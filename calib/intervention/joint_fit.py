@@ -32,6 +32,7 @@ from calib.fitting.trust_region import solve
 from calib.intervention.differences import differences_of, without_mean
 from calib.intervention.pairs import PAYLOAD, PairedPoses, find_pairs
 from calib.intervention.proof import Intervention
+from calib.statistics import group_numbers
 
 _WEIGHINGS = 3  # of single poses against differences
 _RANK = 1e-9  # share of the largest singular value of the nuisance
@@ -122,13 +123,13 @@ class _PlaceSplit:
                 rows = one.poses[one.place == number]
                 known = place[rows].max()
                 place[rows] = known if known >= 0 else place.max() + 1
-        target = np.unique(points.target, return_inverse=True)[1]
-        key = np.unique(np.column_stack([place[points.pose], target]), axis=0, return_inverse=True)[1].reshape(-1)
+        target = group_numbers(points.target)
+        key = group_numbers(np.column_stack([place[points.pose], target]))
         count = np.bincount(key)[key]
         paired = (place[points.pose] >= 0) & (count > 1)
         if not paired.any():
             return None
-        cell = np.unique(key[paired], return_inverse=True)[1]
+        cell = group_numbers(key[paired])
         whiten = residuals.base_to_residual(x)[paired]
         columns = _nuisance(calibration, acting, points.pose[paired], points.target[paired])
         moved = without_mean(columns, whiten, cell).reshape(3 * len(cell), -1)

@@ -175,9 +175,14 @@ def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
     return np.where(turns, by_table[..., 3], by_table[..., 2]), np.where(turns, axes, 0.0)
 
 
+def nominal_chain(robot: Robot, q: ArrayLike) -> Chain:
+    """Forward pass of a robot's nominal table at joint vectors q (N, n)."""
+    return forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+
+
 def target_points(robot: Robot, q: ArrayLike) -> Array:
     """Measured point of the tool (N, 3), mm in the base frame, at joint vectors q (N, n)."""
-    return tool_points(robot, forward(robot.table, q, robot.is_revolute, robot.base_T_first))
+    return tool_points(robot, nominal_chain(robot, q))
 
 
 def tool_points(robot: Robot, chain: Chain) -> Array:
@@ -188,5 +193,5 @@ def tool_points(robot: Robot, chain: Chain) -> Array:
 
 def target_jacobian(robot: Robot, q: ArrayLike) -> Array:
     """Jacobian of the tool point (Jang eq 8): (N, 3, P) by the robot's parameters, ordered as `parameter_names`."""
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     return point_jacobian(chain, chain.target_mm).reshape(len(chain.target_mm), 3, -1)

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.robot import DriveTerm, LinkEncoder, Robot
 from calib.kinematics.statics import TorqueReading, load_torque, masses_and_moments, statics_columns
 
@@ -72,7 +72,7 @@ def turn_by_law(robot: Robot, encoder: LinkEncoder, inputs: DriveInputs) -> Arra
     """Turn (N,), rad, of a link against its motor where its encoder was not read, less the constant offset."""
     if not encoder.terms:
         return np.zeros(len(inputs.q))
-    chain = forward(robot.table, inputs.q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, inputs.q)
     return np.asarray(sum(term_turn(robot, chain, encoder.joint, term, inputs) for term in encoder.terms))
 
 

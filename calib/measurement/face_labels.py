@@ -169,9 +169,7 @@ def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tupl
 
 def _nominal_attitudes(dataset: Dataset) -> Array:
     """base_R_tool (N, 3, 3) of all poses; flange_R_base where the arm carries the scanner."""
-    chain = kinematics.forward(
-        dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute, dataset.robot.base_T_first
-    )
+    chain = kinematics.nominal_chain(dataset.robot, dataset.poses.q)
     if dataset.robot.carries_scanner:
         return np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)
     return chain.base_T_frame[:, -1, :3, :3]

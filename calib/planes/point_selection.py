@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.statistics import group_numbers
 
 _VOXELS_AN_AXIS = 2**20
 _ENOUGH_POINTS = 75_000
@@ -55,7 +56,7 @@ def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray
     first, count = _first_of_each(_keys(cell))
     # Thousands of points in one place are no surface, but for example pixels without depth at the scanner's origin.
     count = np.minimum(count, _MOST_OF_USUAL * np.median(count))
-    block = np.unique(_keys([x[first] // _BLOCK for x in cell]), return_inverse=True)[1].ravel()
+    block = group_numbers(_keys([x[first] // _BLOCK for x in cell])).ravel()
     around = np.bincount(block, count)[block]
     dense = np.argsort(around)
     surface = around[dense[np.searchsorted(np.cumsum(count[dense]), _SURFACE_SHARE * count.sum())]]

@@ -27,9 +27,11 @@ from calib.effects.effect import Effect, full_name
 from calib.effects.state import Seen
 from calib.fitting.model import effect_columns, point_by_state
 from calib.fitting.observations import linearise_points
+from calib.frames import frames_by_name
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.member_columns import member_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
+from calib.statistics import axis_variances
 
 _FINEST = 1e-5  # least noise over the declared one: with that of exact data the prior would be lost in rounding
 _FRAME = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])  # mm, rad: prior sigmas of a scanner's frame, as good as unknown
@@ -184,7 +186,7 @@ def coefficient_posteriors(calibration: Calibration, hypotheses: Sequence[Effect
         width = len(sigmas)
         means.append(mean[-width:] * sigmas)
         roots.append(sigmas[:, None] * np.linalg.inv(root[-width:, -width:]))
-    sigma2 = np.trace(fits.projected.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0
+    sigma2 = axis_variances(fits.projected.residuals.observed.covariance_mm2)
     return CoefficientPosteriors(tuple(means), tuple(roots), fits.noise * float(np.sqrt(np.median(sigma2))))
 
 
@@ -284,11 +286,11 @@ class _NewRows:
         """
         residuals, x = projected.residuals, projected.x
         model, observed = residuals.model, residuals.observed
-        sigma2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0
+        sigma2 = axis_variances(observed.covariance_mm2)
         sigma_mm = float(np.sqrt(np.median(sigma2)))
         placed = observed.scanner_T_base
         assert placed is not None
-        scanner_T_base = np.stack([placed[str(name)] for name in poses.setup])
+        scanner_T_base = frames_by_name(placed, poses.setup)
         turn = scanner_T_base[:, :3, :3] / sigma_mm
         by_x, by_frame, by_state, seen = [], [], {}, {}
         for target in observed.targets:

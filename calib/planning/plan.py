@@ -28,6 +28,7 @@ from calib.planning.start import FromRobot, Start
 from calib.planning.ways import Way, ways_to
 from calib.plugins import load
 from calib.presented import Presented
+from calib.statistics import group_numbers
 from calib.workcell.candidates import candidate_poses
 from calib.workcell.order import clear_ways, order_poses
 
@@ -262,7 +263,7 @@ def _order(problem: DesignProblem, chosen: IndexArray) -> IndexArray:
     start, poses = problem.start, problem.candidates.select(chosen)
     at = start.measured.q[np.argmax(start.measured.order)] if start.measured is not None else None
     kept = [values for values in (poses.temperature_c, poses.payload_kg) if values is not None]
-    groups = np.unique(np.column_stack([np.zeros(len(chosen)), *kept]), axis=0, return_inverse=True)[1].ravel()
+    groups = group_numbers(np.column_stack([np.zeros(len(chosen)), *kept]))
     order: list[int] = []
     for group in range(groups.max() + 1):
         rows = np.flatnonzero(groups == group)

@@ -81,7 +81,7 @@ def predicted_once_placed(region: Region, unknowns: Unknowns, noise_dof: float, 
 
 def _weights(combinations: Array) -> Array:
     """Weights, mm^2, of the chi-square variables that make up the mean square error of a prediction."""
-    return np.linalg.svd(combinations, compute_uv=False) ** 2
+    return np.asarray(np.linalg.svd(combinations, compute_uv=False) ** 2)
 
 
 def _of_weights(weights: Array, region: Region, noise_dof: float, rng: np.random.Generator) -> Prediction:

@@ -22,6 +22,7 @@ from calib.fitting.model import Model
 from calib.fitting.noise import noise_factors, shaped_covariance
 from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import whitener
+from calib.frames import frames_by_name
 from calib.kinematics.robot import Robot
 from calib.noise_shape import NoiseShape
 
@@ -89,7 +90,7 @@ class Unknowns:
     def as_observed(self, poses: Poses) -> Observations:
         """Observations made of predicted points, one for each target at each pose."""
         poses = poses.measured_later()
-        scanner_T_base = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
+        scanner_T_base = frames_by_name(self.scanner_T_base, poses.setup)
         scanner_mm = np.empty((len(poses), len(self.targets), 3))
         for k, target in enumerate(self.targets):
             base_mm = self.model.predict(self.x, poses, target)

@@ -11,7 +11,7 @@ import numpy as np
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refuse_beyond
 from calib.errors import is_one_line
 from calib.frames import invert
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.plugins import load
@@ -179,7 +179,7 @@ def conversion_error_mm(robot: Robot, chain: SerialChain) -> float:
     """Largest distance, mm, between the tips of table and chain over 20 joint vectors."""
     span = np.where(robot.is_revolute, np.pi, 500.0)
     q = np.random.default_rng(0).uniform(-span, span, (20, robot.n_joints))
-    mine = forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    mine = nominal_chain(robot, q).base_T_frame[:, -1]
     return float(np.linalg.norm(mine[:, :3, 3] - chain_frames(chain, q)[:, -1, :3, 3], axis=1).max())
 
 

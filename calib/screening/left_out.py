@@ -12,7 +12,7 @@ from calib.calibration.held_out import in_gap_of_step
 from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.screening.projected_residual import ProjectedResidual, project_residual
-from calib.statistics import group_means, left_out_by, rms
+from calib.statistics import axis_variances, group_means, left_out_by, rms
 
 _FAR, _VERY_FAR = 1.5, 3.0  # times the largest error of a training pose left out
 _FEWEST_FAR, _FEW = 3, 0.15  # test poses that are far off, in number and as a share of them: fewer are single poses
@@ -43,7 +43,7 @@ def left_out_errors_mm(
     inner = np.linalg.inv(np.eye(shrunk.shape[1]) + shrunk.T @ shrunk)
     rest = residual - shrunk @ (inner @ (shrunk.T @ residual))
     observed = projected.residuals.observed
-    sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    sigma_mm = np.sqrt(axis_variances(observed.covariance_mm2))
     coordinates = projected.coordinates
     order = np.argsort(observed.points.pose, kind="stable")
     counts = np.unique(observed.points.pose, return_counts=True)[1]

@@ -24,6 +24,7 @@ from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import whitener
 from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.screening.projected_residual import ProjectedResidual
+from calib.statistics import group_numbers
 
 ENOUGH_DIFFERENCES = 24  # of repeats: as many show the shape, and where they show none there is none
 
@@ -148,9 +149,9 @@ def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
     points = dataset.points
     if points is None:
         return None
-    target = np.unique(points.target, return_inverse=True)[1]
+    target = group_numbers(points.target)
     key = np.column_stack([repeat_groups(dataset)[points.pose], target])
-    place = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
+    place = group_numbers(key)
     if len(points) - len(np.unique(place)) < ENOUGH_DIFFERENCES:
         return None
     observed = Observations.of_all(dataset)

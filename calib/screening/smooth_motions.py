@@ -15,7 +15,7 @@ from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
 from calib.screening.member_columns import displacement_columns
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
 from calib.screening.sparse_evidence import mean_likelihood
-from calib.statistics import rms, rms_length
+from calib.statistics import axis_variances, rms, rms_length
 
 _OWN_RAD = (0.3, 0.6)  # correlation lengths of a smooth motion over the joint's own angle
 _ARM_RAD = (0.8, 1.5)  # over the angles of the first three joints
@@ -63,7 +63,7 @@ def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
     _, joint, span = max(tried, key=lambda one: one[0])
     columns = projected.motion_columns(directions[joint], _USUAL * span)
     evaluated = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.dof))
-    sigma_mm = np.sqrt(np.trace(projected.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    sigma_mm = np.sqrt(axis_variances(projected.residuals.observed.covariance_mm2))
     moved_mm = evaluated.explained.reshape(len(sigma_mm), -1) * sigma_mm[:, None]
     size = _USUAL * rms(span @ evaluated.coefficients[0])
     total = mean_likelihood(np.array([value for value, _, _ in tried]))

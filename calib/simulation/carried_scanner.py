@@ -14,7 +14,7 @@ from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
 from calib.frames import apply, invert, make_transform, rotation_from_rotvec
 from calib.jig import Jig, jig_geometry
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.joint_range import joint_range, random_poses, wrapped
 from calib.kinematics.robot import Robot
@@ -41,12 +41,7 @@ def draw_jig_in_view(
     """
     reach_mm = float(
         np.linalg.norm(
-            forward(
-                robot.table,
-                random_poses(robot, 2000, rng=np.random.default_rng(0)),
-                robot.is_revolute,
-                robot.base_T_first,
-            ).target_mm,
+            nominal_chain(robot, random_poses(robot, 2000, rng=np.random.default_rng(0))).target_mm,
             axis=1,
         ).max()
     )
@@ -110,7 +105,7 @@ def _poses_in_view(
     rule = replace(FROM_ANYWHERE, longest_step=longest, by_normal_equations=True)
     q = solve_inverse(goals, start, -anywhere, anywhere, rule)
     low, high = joint_range(robot)
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     usable = goals.reached(chain)
     q = np.where(robot.is_revolute, wrapped(q, low), q)
     usable &= np.all((q >= low) & (q <= high), axis=1)

@@ -14,7 +14,7 @@ from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
 from calib.frames import apply, invert, make_transform, rotation_from_rotvec
 from calib.jig import Jig, jig_geometry
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.joint_range import joint_range, random_poses, wrapped
 from calib.kinematics.robot import Robot
@@ -70,7 +70,7 @@ def facing_poses(robot: Robot, base_T_scanner: Array, count: int, *, rng: np.ran
         CalibError: too few poses have it so.
     """
     q = random_poses(robot, 20 * count, rng=rng)
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     ray = chain.target_mm - base_T_scanner[:3, 3]
     towards = -jig_outward(robot) * np.sum(chain.base_T_frame[:, -1, :3, 2] * ray, axis=1)
     q = q[towards > np.cos(np.radians(75.0)) * np.linalg.norm(ray, axis=1)]
@@ -169,7 +169,7 @@ def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q:
     low, high = joint_range(robot)
     q = np.where(robot.is_revolute, wrapped(q, low), q)
     reached &= np.all((q >= low) & (q <= high), axis=1)
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     _, normals = jig_geometry(jig)
     base_T_jig = chain.base_T_frame[:, -1] @ target_T_jig(robot)
     cos_incidence = incidence_cosines(base_T_jig, normals, base_T_scanner[:3, 3])

@@ -161,7 +161,7 @@ class _Seen:
 def nominal_targets(dataset: Dataset, names: Sequence[str]) -> Array:
     """Nominal positions (T, N, 3) mm of targets at all poses, base frame; NaN where the robot does not define them."""
     robot = dataset.robot
-    chain = kinematics.forward(robot.table, dataset.poses.q, robot.is_revolute, robot.base_T_first)
+    chain = kinematics.nominal_chain(robot, dataset.poses.q)
     targets_mm = np.full((len(names), len(dataset.poses), 3), np.nan)
     for k, name in enumerate(names):
         if name == "jig":

@@ -25,7 +25,7 @@ from calib.calibration.promise import misfit_inflation
 from calib.calibration.result import Calibration, times_declared_noise
 from calib.distributions import chi2_sf
 from calib.errors import FitError
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.presented import Presented
 from calib.screening.evidence import holm
 from calib.statistics import rms
@@ -223,7 +223,7 @@ def _shift(one: Calibration, other: Calibration) -> tuple[float, float, str]:
     poses = [calibration.dataset.poses for calibration in (one, other)]
     q = np.concatenate([p.q for p in poses])
     ids = [i for p in poses for i in p.ids]
-    points = [forward(c.robot.table, q, c.robot.is_revolute, c.robot.base_T_first).target_mm for c in (one, other)]
+    points = [nominal_chain(c.robot, q).target_mm for c in (one, other)]
     moved = frames.apply(frames.best_fit_transform(points[1], points[0]), points[1])
     apart_mm = np.linalg.norm(moved - points[0], axis=1)
     worst = int(np.argmax(apart_mm))

@@ -14,6 +14,7 @@ from calib import frames
 from calib.array_types import Array, BoolArray
 from calib.calibration.result import Calibration
 from calib.fitting.observations import Observations
+from calib.frames import frames_by_name
 
 _FEWEST = 5  # test poses
 _BROUGHT_BACK = 0.5  # largest share of the test error that may remain
@@ -84,7 +85,7 @@ def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
     poses = calibration.dataset.poses
     turn = calibration.model.state(calibration.fit.x, poses).attitude
     turn = np.broadcast_to(turn, (len(poses), 3, 3))[after.pose[rows]]
-    placed = np.stack([after.scanner_T_base[str(name)][:3, :3] for name in poses.setup[after.pose[rows]]])
+    placed = frames_by_name(after.scanner_T_base, poses.setup[after.pose[rows]])[:, :3, :3]
     columns = (placed @ turn).reshape(-1, 3)
     error_mm = after.error_mm[rows].ravel()
     shift_mm = np.linalg.lstsq(columns, error_mm, rcond=None)[0]

@@ -9,7 +9,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.frames import make_transform
 from calib.jig import Jig, jig_geometry
-from calib.kinematics.chain import Chain, forward, joint_jacobian
+from calib.kinematics.chain import Chain, joint_jacobian, nominal_chain
 from calib.kinematics.robot import Robot
 
 _LEVER_MM = 300.0  # weighs one radian of the jig's axis against millimetres
@@ -58,7 +58,7 @@ class JigGoals:
 
         The axis' error is its sine times `_LEVER_MM`; rotations about the axis are taken out.
         """
-        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
+        chain = nominal_chain(self.robot, q)
         moved, axes = joint_jacobian(chain, self.robot.is_revolute)
         off_mm = self.apex_mm[rows] - chain.target_mm
         if self.outward is None:
@@ -73,7 +73,7 @@ class JigGoals:
 
     def reached(self, q: Array) -> BoolArray:
         """Mask (N,): whether apex and axis are at their goals, to 1 mm and 0.02 rad."""
-        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
+        chain = nominal_chain(self.robot, q)
         near = np.linalg.norm(self.apex_mm - chain.target_mm, axis=1) < 1.0
         if self.outward is None:
             return np.asarray(near)

@@ -12,7 +12,7 @@ from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Dataset, Surroundings
 from calib.errors import CalibError
 from calib.jig import Jig, jig_geometry
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.hand_eye import solve_hand_eye, with_world_targets
 from calib.kinematics.joint_range import joint_range
 from calib.kinematics.robot import Robot
@@ -193,7 +193,7 @@ def _cell_of_carried_scanner(dataset: Dataset, flange_T_scanner: ArrayLike | Non
     robot, points = dataset.robot, dataset.points
     at_setup = dataset.poses.setup[points.pose]
     if flange_T_scanner is None or not any(target.in_world for target in robot.targets):
-        chain = forward(robot.table, dataset.poses.q[points.pose], robot.is_revolute, robot.base_T_first)
+        chain = nominal_chain(robot, dataset.poses.q[points.pose])
         turns = None if points.orientations is None else points.orientations.scanner_R_jig
         found = solve_hand_eye(chain.base_T_flange, points.xyz_mm, at_setup, points.target, turns)
         robot, flange_T_scanner = with_world_targets(robot, found.position_mm), found.flange_T_scanner[setup]
@@ -205,7 +205,7 @@ def _cell_of_carried_scanner(dataset: Dataset, flange_T_scanner: ArrayLike | Non
     place_mm = np.array(robot.target(name).xyz_mm)
     here = here.select(here.target == name)
     q = dataset.poses.q[np.unique(here.pose)]
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     eye_mm = (chain.base_T_flange @ flange_T_scanner)[:, :3, 3]
     target = seen_target(place_mm, eye_mm)
     x, y, z = target.outward
@@ -253,7 +253,7 @@ class _Measured:
         every = np.zeros(0, dtype=np.intp) if points is None else points.pose
         here = dataset.poses.setup[every] == setup
         rows = np.unique(every[here])
-        chain = forward(robot.table, dataset.poses.q[rows], robot.is_revolute, robot.base_T_first)
+        chain = nominal_chain(robot, dataset.poses.q[rows])
         if points is None:
             return cls(rows, dataset.poses.q[rows], chain, np.zeros((0, 3)), np.zeros((0, 3)))
         pose = np.searchsorted(rows, every[here])

@@ -76,7 +76,7 @@ def clear_between(cell: Workcell, one: Array, other: Array) -> BoolArray:
     share = (np.arange(steps) + 0.5) / steps
     between = one[:, None] + share[None, :, None] * (other - one)[:, None]
     hits = collides(cell, between.reshape(-1, one.shape[1])).reshape(len(one), steps)
-    return ~hits.any(axis=1)
+    return np.asarray(~hits.any(axis=1))
 
 
 def way_around(cell: Workcell, one: Array, other: Array, rng: np.random.Generator) -> Array | None:

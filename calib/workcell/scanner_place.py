@@ -7,7 +7,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.errors import CalibError
 from calib.frames import apply, best_fit_transform, make_transform
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 
@@ -21,9 +21,7 @@ _FEW = 8  # such poses
 def in_front(robot: Robot) -> tuple[Array, Array]:
     """Centre (3,), mm, base frame, of an arm's reach in front of it, and orientation (3, 3) of a scanner facing it."""
     q = random_poses(robot, 2000, rng=np.random.default_rng(0))
-    reach_mm = float(
-        np.linalg.norm(forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm, axis=1).max()
-    )
+    reach_mm = float(np.linalg.norm(nominal_chain(robot, q).target_mm, axis=1).max())
     looking_back = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # columns: scanner x, y, z in base
     return np.array([0.47 * reach_mm, 0.0, 0.42 * reach_mm]), looking_back
 
@@ -35,7 +33,7 @@ def likely_scanner_place(robot: Robot, tool_T_jig: Array, distance_mm: float) ->
     along the axis of the base from which its jig is faced most often.
     """
     q = random_poses(robot, _DRAWN, rng=np.random.default_rng(0))
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     axes = (chain.base_T_frame[:, -1] @ tool_T_jig)[:, :3, 2]  # into the material: as the scanner looks
 
     def faced(middle_mm: Array, look: Array) -> int:

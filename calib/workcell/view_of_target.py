@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.frames import apply, invert
-from calib.kinematics.chain import Chain, forward, joint_jacobian
+from calib.kinematics.chain import Chain, joint_jacobian, nominal_chain
 from calib.kinematics.robot import Robot
 
 _LEVER_MM = 300.0  # weighs one radian of the line of sight against millimetres
@@ -69,7 +69,7 @@ class ViewGoals:
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
         """Error of the point, and the sine of the direction's error times `_LEVER_MM`, with their Jacobian."""
-        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
+        chain = nominal_chain(self.robot, q)
         moved, axes = joint_jacobian(chain, self.robot.is_revolute)
         point_mm, direction = self._point_and_direction(chain, rows)
         moved = moved + np.swapaxes(np.cross(np.swapaxes(axes, 1, 2), (point_mm - chain.target_mm)[:, None]), 1, 2)

@@ -13,7 +13,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Box
 from calib.jig import Jig
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.robot import Robot
 from calib.workcell.bodies.arm_bodies import ArmBodies
 from calib.workcell.scan_field import BoxField, ScanField
@@ -64,4 +64,4 @@ class Workcell:
 
     def chain(self, q: Array) -> Chain:
         """Frames of the arm at joints (N, n)."""
-        return forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
+        return nominal_chain(self.robot, q)

@@ -106,7 +106,7 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
     if len(rows) < _FEWEST_ORIENTATIONS:
         return ""
     rows = rows[:: -(-len(rows) // _ENOUGH_ORIENTATIONS)]
-    chain = kinematics.forward(robot.table, poses.q[points.pose[rows]], robot.is_revolute, robot.base_T_first)
+    chain = kinematics.nominal_chain(robot, poses.q[points.pose[rows]])
     tool, by_points = chain.base_T_frame[:, -1, :3, :3], None
     if robot.carries_scanner:
         tool = np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)

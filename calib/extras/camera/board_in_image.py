@@ -83,7 +83,7 @@ def board_in_image(dataset: Dataset, setup: str) -> BoardInImage | None:
     points = points.select(dataset.poses.setup[points.pose] == setup)
     if len(points) < _FEWEST or points.orientations is None:
         return None
-    flange = forward(robot.table, dataset.poses.q[points.pose], robot.is_revolute, robot.base_T_first).base_T_flange
+    flange = nominal_chain(robot, dataset.poses.q[points.pose]).base_T_flange
     seen = frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
     placed = board_hand_eye(flange, seen, on_flange=robot.carries_scanner)
     inner_mm = 2.0 * np.abs(camera.board_mm[:, :2]).max(axis=0)

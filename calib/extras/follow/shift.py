@@ -22,7 +22,7 @@ from calib.dataset.dataset import Dataset
 from calib.distributions import f_sf
 from calib.errors import CalibError
 from calib.fitting.observations import Observations, predict_points
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import TOOL_POINT, Target
 from calib.options import FitOptions
 from calib.statistics import rms_length
@@ -164,5 +164,5 @@ def _sized(dataset: Dataset, run: Sequence[str], before: str, what: What, option
 def _base_R_tool(dataset: Dataset, observed: Observations) -> Array:
     """Nominal attitude (M, 3, 3) of the tool at the observed points."""
     robot = dataset.robot
-    chain = forward(robot.table, dataset.poses.q[observed.points.pose], robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, dataset.poses.q[observed.points.pose])
     return chain.base_T_frame[:, -1, :3, :3]

@@ -17,6 +17,7 @@ from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.effect import Effect, full_name
 from calib.extras.proof_plan.pair_design import PairDesign, exchanged_pairs, greedy_pairs
 from calib.fitting.model import geometric_model
+from calib.frames import frames_by_name
 from calib.intervention.differences import Differences, differences_of
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
 from calib.intervention.proof import FEWEST_PAIRS, candidates_of, decided
@@ -209,7 +210,7 @@ class PairCell:
     def measured(self, poses: Poses) -> MeasuredPairs | None:
         """Poses measured without any cause or noise; None where they pair too few."""
         model, n = geometric_model(self.robot), len(poses)
-        placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
+        placed = frames_by_name(self.scanner_T_base, poses.setup)
         points = self.dataset.points
         target = "jig" if points is None else str(points.target[0])
         xyz_mm = frames.apply(placed, model.predict(np.zeros(len(model.parameters)), poses, target))

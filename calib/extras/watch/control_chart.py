@@ -10,6 +10,7 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.extras.watch.iso9283 import PoseFigures, Visits, pose_figures
 from calib.extras.watch.watch import ChangeReport
+from calib.frames import frames_by_name
 from calib.validation.cell_changes import Change
 
 
@@ -47,7 +48,7 @@ def repeated_poses(base: Calibration, reports: Sequence[ChangeReport]) -> tuple[
     dataset, errors = base.dataset, base.after
     points = dataset.points
     assert points is not None
-    scanner_R_base = np.stack([errors.scanner_T_base[str(name)][:3, :3] for name in dataset.poses.setup[points.pose]])
+    scanner_R_base = frames_by_name(errors.scanner_T_base, dataset.poses.setup[points.pose])[:, :3, :3]
     earlier = Visits(
         dataset.name,
         [dataset.poses.ids[i] for i in points.pose],

@@ -21,7 +21,7 @@ from calib.calibration.result import Calibration
 from calib.fitting.discrepancy import Discrepancy, distances
 from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import whitener
-from calib.statistics import covariance_root
+from calib.statistics import covariance_root, group_numbers
 
 PROVEN_INFLATION = 1.6  # of the covariance; of 25 simulated arms whose model is right the largest is 1.5
 MOST_POSES = 1000  # of a check, up to which their likeness is counted: a matrix of as many rows
@@ -96,7 +96,7 @@ def _tails(calibration: Calibration) -> float:
     rows = fitted[after.pose]
     whitened = np.einsum("mij,mj->mi", whitener(observed.covariance_mm2[rows]), after.error_mm[rows])
     squared = np.sum(whitened**2, axis=1)
-    row = np.unique(after.pose[rows], return_inverse=True)[1]
+    row = group_numbers(after.pose[rows])
     count = 3.0 * np.bincount(row)
     mean = np.bincount(row, squared) / count
     if len(count) < 16 or not mean.mean() > 0.0:

@@ -22,6 +22,7 @@ from calib.extras.watch.check_outcome import ChangeKey, ChangeReason, CheckOutco
 from calib.extras.watch.plugin import WATCH
 from calib.extras.watch.promised_sizes import promised_sizes
 from calib.fitting.scanner_frame import whitener
+from calib.frames import frames_by_name
 from calib.planning.criterion import BaseCriterion, DesignProblem
 from calib.planning.exchange import best_poses
 from calib.planning.question import Question, inverse
@@ -118,7 +119,7 @@ def usual_changes(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[C
     """
     p = len(unknowns.scales)
     observed = unknowns.as_observed(candidates)
-    scanner_R_base = np.stack([unknowns.scanner_T_base[str(name)][:3, :3] for name in observed.setup])
+    scanner_R_base = frames_by_name(unknowns.scanner_T_base, observed.setup)[:, :3, :3]
     to_residual = whitener(observed.covariance_mm2) @ scanner_R_base
     prior = unknowns.prior_information
     of_arm = np.asarray(np.linalg.inv(inverse(prior)[:p, :p]), dtype=float)  # wherever the scanner stood

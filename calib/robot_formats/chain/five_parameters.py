@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array
 from calib.frames import apply, invert, make_transform, rotation_from_rpy, rpy_from_rotation
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Base, Joint, Robot, Tool, Vector
 from calib.kinematics.tool_point import tip_T_last
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
@@ -102,7 +102,7 @@ def chain_of(robot: Robot) -> SerialChain:
 def frames_at_zero(robot: Robot) -> Array:
     """Frames (n + 2, 4, 4) at zero in the base frame: the start of the first row, frames 1..n, and the tool."""
     q = np.zeros((1, robot.n_joints))
-    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[0]
+    return nominal_chain(robot, q).base_T_frame[0]
 
 
 def row_transform(row: Row) -> Array:

@@ -23,6 +23,7 @@ from calib.corners.correlated_noise.surroundings import (
 )
 from calib.planes.clustering import PlaneGroup
 from calib.planes.robust_fit import PlaneFit
+from calib.statistics import group_numbers
 from calib.targets.spheres.cap_fit import CapFit
 
 _PATCHES_A_DIAMETER = 12
@@ -128,7 +129,7 @@ def _cells(image_mm: Array, side_mm: float) -> IndexArray:
     """Number (K,), from 0 without gaps, of the square cell of the image that each point (K, 2) lies in."""
     cell = np.floor(image_mm / side_mm).astype(np.int64)
     cell -= cell.min(axis=0)
-    return np.unique(cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1], return_inverse=True)[1].reshape(-1)
+    return group_numbers(cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1])
 
 
 def _places(image_mm: Array, patch: IndexArray, count: IndexArray) -> PatchPlaces:

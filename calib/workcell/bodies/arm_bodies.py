@@ -15,7 +15,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.frames import invert
 from calib.jig import Jig, jig_geometry
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, forward, nominal_chain
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from calib.workcell.bodies.distances import between_segments
@@ -171,7 +171,7 @@ def _pairs(robot: Robot, bodies: ArmBodies) -> IndexArray:
     apart = np.abs(bodies.link[first] - bodies.link[second]) > 1
     pairs = np.column_stack([first[apart], second[apart]])
     q = random_poses(robot, 200, rng=np.random.default_rng(0))
-    meet = touching(bodies, *bodies.at(forward(robot.table, q, robot.is_revolute, robot.base_T_first)), pairs)
+    meet = touching(bodies, *bodies.at(nominal_chain(robot, q)), pairs)
     return pairs[meet.mean(axis=0) < _ALWAYS]
 
 

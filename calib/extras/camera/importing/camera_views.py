@@ -330,7 +330,7 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     mount is not clear.
     """
     row = [ids.index(name) for name in given.names]
-    flange = forward(robot.table, q[row], robot.is_revolute, robot.base_T_first).base_T_flange
+    flange = nominal_chain(robot, q[row]).base_T_flange
     notes, mount = list(given.notes), given.mount
     if len(row) < _FEWEST:
         raise CalibError(f"the board is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
