@@ -1,4 +1,4 @@
-"""Kinds of numpy arrays that signatures name; a comment beside each array gives its shape, unit and frame."""
+"""Kinds of arrays that signatures name; a comment beside each array gives its shape, unit and frame."""
 
 from __future__ import annotations
 
@@ -11,3 +11,4 @@ Array: TypeAlias = NDArray[np.float64]
 IndexArray: TypeAlias = NDArray[np.intp]  # what np.flatnonzero and np.argsort give
 BoolArray: TypeAlias = NDArray[np.bool_]
 ByteArray: TypeAlias = NDArray[np.uint8]
+Vector: TypeAlias = tuple[float, float, float]  # three numbers of a value that can be hashed

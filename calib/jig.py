@@ -12,7 +12,7 @@ from itertools import permutations
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.errors import CornerError
 
 FACE_PAIRS = ((0, 1), (1, 2), (2, 0))
@@ -27,7 +27,7 @@ class Outline:
     Edge i does not lie in face i: it is the common border of the other two faces.
     """
 
-    edges_mm: tuple[float, float, float]
+    edges_mm: Vector
     rectangular: bool = False  # whole rectangles; otherwise triangles, cut off from edge end to edge end
 
 
@@ -43,13 +43,13 @@ class Jig:
     """
 
     shape: str = "trihedral"
-    edge_mm: float | tuple[float, float, float] = 60.0
+    edge_mm: float | Vector = 60.0
     convex: bool = True
-    face_angles_deg: tuple[float, float, float] = (90.0, 90.0, 90.0)
+    face_angles_deg: Vector = (90.0, 90.0, 90.0)
     certified: bool = False
 
     @property
-    def edges_mm(self) -> tuple[float, float, float]:
+    def edges_mm(self) -> Vector:
         """Lengths of edges 1, 2 and 3; edge i is the one that does not lie in face i."""
         if isinstance(self.edge_mm, tuple):
             return self.edge_mm
@@ -84,7 +84,7 @@ class Jig:
         return max(abs(angle - 90) for angle in self.face_angles_deg)
 
 
-def angles_between_deg(normals: Array) -> tuple[float, float, float]:
+def angles_between_deg(normals: Array) -> Vector:
     """Angles between faces 1-2, 2-3 and 3-1 with unit normals (3, 3), one per row: f_ij = arccos(-n_i . n_j)."""
     first, second, third = (
         float(np.degrees(np.arccos(np.clip(-normals[i] @ normals[j], -1, 1)))) for i, j in FACE_PAIRS
@@ -92,7 +92,7 @@ def angles_between_deg(normals: Array) -> tuple[float, float, float]:
     return first, second, third
 
 
-def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
+def jig_normals(face_angles_deg: Vector) -> Array:
     """Unit normals N (3, 3) of the faces, one per row, in the jig's own frame: N = G^(1/2), the symmetric root.
 
     The frame's axes are the faces' normals where the faces are square; otherwise it is the right-handed frame that lies
@@ -129,7 +129,7 @@ def jig_geometry(jig: Jig) -> tuple[Array, Array]:
     return np.array(jig.edges_mm)[:, None] * edges, normals
 
 
-def _gram_matrix(face_angles_deg: tuple[float, float, float]) -> Array:
+def _gram_matrix(face_angles_deg: Vector) -> Array:
     """Gram matrix (3, 3) of the face normals, n_i . n_j = -cos f_ij. Raises CornerError where no corner has it."""
     gram = np.eye(3)
     for (i, j), angle in zip(FACE_PAIRS, np.radians(face_angles_deg), strict=True):

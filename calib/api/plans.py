@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Unpack
 
@@ -26,6 +26,7 @@ from calib.planning.plan import FIRST_SET, Plan, criterion_of, plan_poses, task_
 from calib.planning.purpose import CALIBRATION, FURTHER, PlanPurpose, purposes
 from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
+from calib.progress import OnStep
 from calib.robot_formats.robots import load_robot
 from calib.workcell.known_cell import workcell_of_robot
 
@@ -44,7 +45,7 @@ def plan(
     noise_mm: float = DEFAULT_NOISE_MM,
     base_T_scanner: ArrayLike | None = None,
     seed: int = 0,
-    on_step: Callable[[str], None] | None = None,
+    on_step: OnStep | None = None,
     **keywords: Unpack[FitFields],
 ) -> Plan:
     """Plan of the poses to measure next, with the predicted error of a fit to them.
@@ -118,7 +119,7 @@ def _diagnosed(
     options: FitOptions,
     effects: EffectChoice | Sequence[EffectChoice],
     user_effects: Sequence[Family],
-    on_step: Callable[[str], None] | None,
+    on_step: OnStep | None,
 ) -> Diagnosis:
     """Diagnosis to plan from, made if a dataset is given. Raises CalibError for anything else."""
     if isinstance(known, Diagnosis):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Unpack
 
@@ -17,7 +17,7 @@ from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
 from calib.measurement.measured_points import with_corners
 from calib.options import DEFAULT_FOLDS, FitFields, FitOptions
-from calib.progress import OnProgress, counted
+from calib.progress import OnProgress, OnStep, counted
 from calib.targets.batch import find_targets
 from calib.validation.acceptance import Check, check_of
 from calib.validation.comparison import Comparison, comparison_of
@@ -113,7 +113,7 @@ def check(
     effects: EffectChoice | Sequence[EffectChoice] = (),
     user_effects: Sequence[Family] = (),
     max_test_rmse_mm: float | None = None,
-    on_step: Callable[[str], None] | None = None,
+    on_step: OnStep | None = None,
     **keywords: Unpack[FitFields],
 ) -> Check:
     """Acceptance check of a dataset: every step from its corners to its held-out error, and a diagnosis.
@@ -171,7 +171,7 @@ def compare(
     return comparison_of(as_calibration(one), as_calibration(other), names)
 
 
-def repeat(recordings: Sequence[Dataset | str | Path], *, on_step: Callable[[str], None] | None = None) -> Recurrence:
+def repeat(recordings: Sequence[Dataset | str | Path], *, on_step: OnStep | None = None) -> Recurrence:
     """Which causes come back in several recordings of one arm, with the values of each.
 
     Args:

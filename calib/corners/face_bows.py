@@ -22,7 +22,7 @@ from itertools import product
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.brief import Brief
 from calib.corners.correlated_noise.bow import QUADRATIC, TERMS, BowEvidence, heights
 from calib.corners.intersection import Corner, moved_corner
@@ -48,8 +48,8 @@ class FaceBows(Brief):
     """Bows of the faces of one jig, as all scans of it tell them."""
 
     probability: float  # that the faces are bowed
-    sag_mm: tuple[float, float, float]  # of each face's middle over the plane through its three corners, outwards
-    sigma_mm: tuple[float, float, float]
+    sag_mm: Vector  # of each face's middle over the plane through its three corners, outwards
+    sigma_mm: Vector
     scans: int  # that were counted
     outlying: tuple[str, ...]  # scans whose faces look different from all others', left as they are
 
@@ -244,7 +244,7 @@ def _square(bows: BowEvidence, common: _Common) -> float:
     return float(off @ np.linalg.pinv(expected, rcond=1e-9, hermitian=True) @ off)
 
 
-def _sags(common: _Common, rectangular: bool) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+def _sags(common: _Common, rectangular: bool) -> tuple[Vector, Vector]:
     """Height of each face's middle over the plane through its apex and the ends of its edges, mm, and sigmas."""
     middle = 0.5 if rectangular else 1 / 3
     at = heights(np.array([[middle, middle], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), rectangular)

@@ -30,7 +30,7 @@ from itertools import product
 
 import numpy as np
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, IndexArray, Vector
 from calib.brief import Brief
 from calib.corners.faces.angles import MOST_MISFIT, angle_derivative, fitted_angles_deg, turned_normals
 from calib.corners.intersection import Corner, moved_corner
@@ -57,8 +57,8 @@ class JigAngles(Brief):
 
     held: str  # "jig": those of dataset.toml; "scans": those that the scans have in common; "": open
     probability: float  # that the jig has the angles that dataset.toml says
-    angles_deg: tuple[float, float, float] | None  # those held; where they are the scans', in any cyclic order
-    sigmas_deg: tuple[float, float, float] | None
+    angles_deg: Vector | None  # those held; where they are the scans', in any cyclic order
+    sigmas_deg: Vector | None
     scans: int  # that were counted
     outlying: tuple[str, ...]  # scans whose angles are far from all others', left free
     certified: bool
@@ -240,8 +240,8 @@ def _posterior(scans: _ScanAngles, jig: Jig) -> _Posterior:
         spread += weight * (c.covariance + np.einsum("ki,kj->kij", c.mean - mean, c.mean - mean))
     disproved = shares["jig"] < _DISPROVED and shares["scans"] > shares[""]
     held = "jig" if shares["jig"] >= _BELIEVED else "scans" if disproved else ""
-    angles_deg: tuple[float, float, float] | None = None
-    sigmas_deg: tuple[float, float, float] | None = None
+    angles_deg: Vector | None = None
+    sigmas_deg: Vector | None = None
     if held == "jig":
         angles_deg, sigmas_deg = jig.face_angles_deg, (0.0, 0.0, 0.0)
     elif held == "scans":

@@ -14,7 +14,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.array_types import Array, BoolArray, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray, Vector
 from calib.corners.faces.face_outline import FaceOutline, filled_share, outline_shares
 from calib.corners.intersection import intersect
 from calib.jig import Jig, Outline
@@ -40,7 +40,7 @@ class SelectionTolerances:
     # Least scores of the best, the second and the weakest face. A cube's square face, of whatever size, scores 0.75 at
     # most as a triangle, so no box passes the first. A jig in plain view reaches 1.0 and 0.92; the second face may be
     # half hidden.
-    least_scores: tuple[float, float, float] = (0.85, 0.4, 0.04)
+    least_scores: Vector = (0.85, 0.4, 0.04)
     least_of_box: float = 0.6  # in place of the first where whole rectangles are compared: other boxes may be near it
     most_wrong: float = 0.2  # share of a face that may be wrong; the edges of a scanned face are never quite sharp
     min_votes: int = 6
@@ -272,7 +272,7 @@ class Planes:
         groups: tuple[PlaneGroup, ...],
         chosen: tuple[int, int, int],
         outlines: Sequence[Outline],
-        shares: Callable[[int, FaceOutline], tuple[float, float, float]],
+        shares: Callable[[int, FaceOutline], Vector],
     ) -> list[FaceTriple]:
         """Three planes taken as the jig's faces, scored with each of several possible outlines of the jig.
 

@@ -8,7 +8,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.brief import Brief
 from calib.corners.faces.angles import Plane, angle_derivative, fitted_angles_deg
 from calib.planes.robust_fit import PlaneFit
@@ -41,9 +41,9 @@ class CornerQuality(Brief):
     """Quality figures of a corner, and warnings derived from them."""
 
     faces: tuple[FaceQuality, FaceQuality, FaceQuality]
-    angles_deg: tuple[float, float, float]  # as measured, between faces 1-2, 2-3, 3-1
-    angle_sigmas_deg: tuple[float, float, float]
-    angle_errors_deg: tuple[float, float, float]  # measured less the jig's, under the labelling that fits best
+    angles_deg: Vector  # as measured, between faces 1-2, 2-3, 3-1
+    angle_sigmas_deg: Vector
+    angle_errors_deg: Vector  # measured less the jig's, under the labelling that fits best
     condition: float  # of the three normals: 1 where perpendicular; the worst amplification over the best
     amplification: float  # sigma of the apex over that of the planes at their middles: how far it is extrapolated
     smooth_error_mm: float  # standard deviation of the correlated part of the scanner's error
@@ -115,14 +115,12 @@ class CornerQuality(Brief):
 class AngleFigures(TypedDict):
     """Angles between three faces: those fields of `CornerQuality` that follow from the planes."""
 
-    angles_deg: tuple[float, float, float]
-    angle_sigmas_deg: tuple[float, float, float]
-    angle_errors_deg: tuple[float, float, float]
+    angles_deg: Vector
+    angle_sigmas_deg: Vector
+    angle_errors_deg: Vector
 
 
-def angle_figures(
-    planes: Sequence[Plane], covariance: Array, jig_angles_deg: tuple[float, float, float]
-) -> AngleFigures:
+def angle_figures(planes: Sequence[Plane], covariance: Array, jig_angles_deg: Vector) -> AngleFigures:
     """Angles between three planes of joint covariance (9, 9), with their sigmas and errors."""
     angles = fitted_angles_deg(planes)
     derivative = angle_derivative(planes) / np.sin(np.radians(angles))[:, None]
@@ -131,7 +129,7 @@ def angle_figures(
     return AngleFigures(angles_deg=angles, angle_sigmas_deg=(one, two, three), angle_errors_deg=(first, second, third))
 
 
-def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:
+def angle_errors(angles_deg: Vector, jig_angles_deg: Vector) -> Array:
     """Measured minus nominal angles between the faces (3,), deg, under the labelling with the least errors.
 
     Rotating or mirroring the numbering of three faces permutes the three angles in every possible way.

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
-from calib.array_types import Array, BoolArray, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray, Vector
 from calib.brief import Brief
 from calib.dataset.attachments import AttachedValue, Attachment
 from calib.dataset.further_columns import FurtherColumns
 from calib.errors import DatasetError
 from calib.jig import Jig
-from calib.kinematics.robot import Robot, Vector
+from calib.kinematics.robot import Robot
 from calib.noise_shape import NoiseShape
 from calib.plugins import contributions
 from calib.presented import Presented
@@ -74,7 +74,7 @@ class Scanner:
     scan_sigma_mm: float | None = None  # one scan point, along the ray
     extra: Mapping[str, Any] = field(default_factory=dict)
     orientation_sigma_rad: float | None = None  # one measured orientation, about each axis
-    field_mm: tuple[float, float, float] | None = None  # width and height at that distance, and depth
+    field_mm: Vector | None = None  # width and height at that distance, and depth
     distance_mm: float | None = None  # from the scanner to the middle of its field; known where the field is
     max_incidence_deg: float | None = None  # the steepest face that it measures
     correlated_sigma_mm: float | None = None  # of a scan point's error that its neighbours share, along the ray
@@ -227,7 +227,7 @@ class FaceLabelling(Brief):
     unit: str  # of both: "deg", or "squared sigmas"
     refused: int  # poses whose faces cannot be labelled
     first_refused: tuple[str, str] | None  # the first of them, and why
-    found_angles_deg: tuple[float, float, float] | None  # used instead of the jig's, where those do not fit
+    found_angles_deg: Vector | None  # used instead of the jig's, where those do not fit
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, IndexArray, Vector
 from calib.dataset.dataset import Lengths, Points, Poses
 from calib.errors import DatasetError
 from calib.kinematics.chain import nominal_chain
-from calib.kinematics.robot import Robot, Vector
+from calib.kinematics.robot import Robot
 
 _FEWEST = 4  # lengths from which an anchor's place follows
 _STEPS = 60

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Protocol
 
+from calib.array_types import Vector
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
@@ -18,7 +19,7 @@ from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.user_files import BOTH, POINTS, UserFiles, is_workbook, look_through, of_workbook
 from calib.dataset_import.writing import written
 from calib.errors import CalibError, DatasetError
-from calib.kinematics.robot import Robot, Vector
+from calib.kinematics.robot import Robot
 from calib.progress import OnProgress
 from calib.robot_formats.conventions import RobotReading, robot_readings
 from calib.robot_formats.robot_file import ReadOptions, RobotFile

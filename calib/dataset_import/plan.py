@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
@@ -45,7 +45,6 @@ from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
 from calib.errors import CalibError, DatasetError
-from calib.kinematics.robot import Vector
 from calib.plugins import contributions, load
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile

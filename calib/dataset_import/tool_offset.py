@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib import frames
-from calib.kinematics.robot import Vector
+from calib.array_types import Vector
 from calib.kinematics.tool_point import ending_at_tool_point, tip_T_last, with_own_tool_point, with_tool_point
 from calib.robot_formats.chain.five_parameters import vector
 from calib.robot_formats.robot_file import RobotFile

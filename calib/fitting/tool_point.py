@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, IndexArray, Vector
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD, LinkErrors, TargetOffsets, target_parameter_names
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
@@ -40,9 +40,9 @@ _ROWS_BEHIND = 2  # of the table: what lies behind the last joint's axis
 class ToolShift:
     """Position of a tool point that was found far from robot.toml's."""
 
-    point_mm: tuple[float, float, float]  # where it is, in the nominal arm's last joint's frame
+    point_mm: Vector  # where it is, in the nominal arm's last joint's frame
     off_mm: float  # from where robot.toml has it
-    in_tip_mm: tuple[float, float, float]  # where it is, in the frame of the tip
+    in_tip_mm: Vector  # where it is, in the frame of the tip
 
 
 def tool_shift(nominal: Robot, calibrated: Robot) -> ToolShift:

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import frames
-from calib.array_types import Array, BoolArray
-from calib.kinematics.robot import Robot, Target, Vector
+from calib.array_types import Array, BoolArray, Vector
+from calib.kinematics.robot import Robot, Target
 
 POSITION_SIGMA_MM = 1000.0
 """Prior's sigma of a target's coordinate in the world: it is known by the points alone."""

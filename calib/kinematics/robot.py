@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array, BoolArray, Vector
 from calib.brief import Brief
 from calib.frames import make_transform, rotation_from_rpy
 
@@ -23,8 +23,6 @@ PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")
 """Columns of a robot's table, in order. a and d are lengths in mm, the others angles in rad."""
 
 LENGTH_KINDS = frozenset({"a", "d"})
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.array_types import Array, BoolArray, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray, Vector
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Poses
 from calib.diagnosis.result import Diagnosis
@@ -47,8 +47,8 @@ _BEYOND = 40  # poses beyond the plan, to see when more no longer pay
 class BoxRegion:
     """Region of the work space in which the tool point is to be right: a box along the axes of the base frame."""
 
-    min_mm: tuple[float, float, float]
-    max_mm: tuple[float, float, float]
+    min_mm: Vector
+    max_mm: Vector
 
     @property
     def name(self) -> str:

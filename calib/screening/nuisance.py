@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.dataset.dataset import Poses
 from calib.effects.effect import Effect, apply_values, corrects_robot
 from calib.effects.state import RobotState
 from calib.fitting.model import point_by_state
 from calib.fitting.position_residuals import PositionResiduals
-from calib.kinematics.robot import Joint, MeasuredLoad, Robot, Vector
+from calib.kinematics.robot import Joint, MeasuredLoad, Robot
 from calib.kinematics.statics import uncertain_loads
 
 MASS_SHARE = 0.3  # prior sigma of a link's and of a payload's mass over itself

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array, BoolArray, Vector
 from calib.dataset.dataset import Scanner
 from calib.errors import CalibError
 
@@ -61,8 +61,8 @@ class ScanField:
 class BoxField:
     """Field of an instrument that measures in all directions: the box, in its frame, of its measured points."""
 
-    low_mm: tuple[float, float, float]
-    high_mm: tuple[float, float, float]
+    low_mm: Vector
+    high_mm: Vector
     max_incidence_deg: float = 70.0
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from calib.array_types import Vector
 from calib.errors import DatasetError
 from calib.kinematics.robot import TARGET_TOLERANCE_MM, TOOL_POINT, Base, Joint, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
@@ -160,7 +161,7 @@ def _tool(table: TomlTable) -> Tool:
     )
 
 
-def _link_to(table: TomlTable, xyz_mm: tuple[float, float, float]) -> dict[str, Any]:
+def _link_to(table: TomlTable, xyz_mm: Vector) -> dict[str, Any]:
     """Parameters of a tool row that ends at xyz_mm in the last joint's frame: x = a cos theta, y = a sin theta, z = d.
 
     Without y its axes stay parallel to the last joint's; with it they turn by theta, at most a quarter turn, about z.
@@ -260,7 +261,7 @@ def refuse_beyond(robot: Robot, path: Path) -> None:
             raise DatasetError(f"{path}: {place}{key}: found {found}, beyond {most:g}; {_REMEDY}")
 
 
-def _sizes(robot: Robot) -> Iterator[tuple[str, str, float | tuple[float, float, float]]]:
+def _sizes(robot: Robot) -> Iterator[tuple[str, str, float | Vector]]:
     """Table, key and value of every physical quantity in robot.toml, in the file's units."""
     yield "", "gravity_m_s2", robot.gravity_m_s2
     yield "[base].", "xyz_mm", robot.base.xyz_mm
@@ -274,7 +275,7 @@ def _sizes(robot: Robot) -> Iterator[tuple[str, str, float | tuple[float, float,
         yield f"[[targets]] {number}.", "tolerance_mm", target.tolerance_mm
 
 
-def _link_sizes(place: str, link: Joint | Tool) -> Iterator[tuple[str, str, float | tuple[float, float, float]]]:
+def _link_sizes(place: str, link: Joint | Tool) -> Iterator[tuple[str, str, float | Vector]]:
     for name in (f.name for f in fields(link)):
         value = getattr(link, name)
         if value is None:

@@ -12,10 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array, BoolArray, Vector
 from calib.dataset.dataset import Dataset, Poses
 from calib.effects.catalogue.loads import where_masses_are_known
-from calib.effects.catalogue.scanner import Vector, field_of
+from calib.effects.catalogue.scanner import field_of
 from calib.effects.effect import Family, NaturalBound, Parameter
 from calib.effects.shaped import (
     BaseTilt,

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.array_types import Vector
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter
 from calib.effects.state import RobotState
-
-Vector = tuple[float, float, float]
 
 
 def field_of(dataset: Dataset) -> tuple[Vector, float]:

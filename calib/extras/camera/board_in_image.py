@@ -13,7 +13,7 @@ from calib.extras.camera.board import board_of
 from calib.extras.camera.board_hand_eye import BoardHandEye, board_hand_eye
 from calib.extras.camera.lens import Lens, project
 from calib.extras.camera.observed import camera_of
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 
 _MARGIN = 0.01  # of the image's width, within which nothing of the board lies
 _MORE_TILT_DEG = 5.0  # than at the measured poses

@@ -17,10 +17,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.frames import apply, invert, make_transform, rotation_from_rpy, rpy_from_rotation
 from calib.kinematics.chain import nominal_chain
-from calib.kinematics.robot import Base, Joint, Robot, Tool, Vector
+from calib.kinematics.robot import Base, Joint, Robot, Tool
 from calib.kinematics.tool_point import tip_T_last
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 

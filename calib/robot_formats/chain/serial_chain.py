@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.errors import CalibError
 from calib.frames import make_transform, rotation_from_rotvec
-from calib.kinematics.robot import Vector
 
 
 class RobotFileError(CalibError):

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.frames import apply, make_transform, rotation_from_rotvec
-from calib.kinematics.robot import Vector
 from calib.rendering import numbers
 from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
 from calib.robot_formats.urdf.safe_xml import XmlFile

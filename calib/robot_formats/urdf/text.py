@@ -8,7 +8,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.frames import invert, make_transform, rpy_from_rotation
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 from calib.robot_formats.urdf.chain import ArmPath
@@ -183,12 +183,12 @@ def standing(chain: SerialChain) -> Array | None:
     return invert(frame)
 
 
-def _unit(vector: Array) -> tuple[float, float, float]:
+def _unit(vector: Array) -> Vector:
     x, y, z = map(float, vector / np.linalg.norm(vector))
     return (x, y, z)
 
 
-def _link(name: str, mass_kg: float | None, com_mm: tuple[float, float, float] | None) -> list[str]:
+def _link(name: str, mass_kg: float | None, com_mm: Vector | None) -> list[str]:
     if not mass_kg or com_mm is None:
         return [f"  <link name={quoteattr(name)}/>"]
     inertia = mass_kg * GYRATION_M**2

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.frames import make_transform, rotation_from_rpy
-from calib.kinematics.robot import Vector
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile
 
 _MOST_LINKS = 5000

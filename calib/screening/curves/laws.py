@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.dataset.input_names import history_input, quantity_of, summed_joints
 from calib.effects.gravity import loaded_joints
 from calib.effects.state import RobotState
@@ -123,7 +123,7 @@ class _Sizes:
 
     def __init__(self, state: RobotState) -> None:
         self.state = state
-        self._kept: dict[str, tuple[float, float, float]] = {}
+        self._kept: dict[str, Vector] = {}
 
     def range_of(self, name: str) -> tuple[float, float]:
         """Smallest and largest value of an input."""
@@ -133,7 +133,7 @@ class _Sizes:
         """Root mean square of an input; 0 where it does not vary or is not known everywhere."""
         return self._known(name)[0]
 
-    def _known(self, name: str) -> tuple[float, float, float]:
+    def _known(self, name: str) -> Vector:
         if name not in self._kept:
             values = input_values(self.state, name)
             low, high = float(np.min(values)), float(np.max(values))

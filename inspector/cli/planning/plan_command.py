@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.api.causes import diagnose
-from calib.array_types import Array
+from calib.array_types import Array, Vector
 from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Box, Dataset, Poses, Surroundings
 from calib.dataset.files.atomic_write import write_text_atomically
@@ -192,7 +192,7 @@ def _candidates(options: PlanOptions, path: Path, start: Start) -> Poses:
     return poses.select(new)
 
 
-def _corners(box: Sequence[float]) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+def _corners(box: Sequence[float]) -> tuple[Vector, Vector]:
     """Least and largest x, y and z of a box given as x0, x1, y0, y1, z0, z1."""
     x0, x1, y0, y1, z0, z1 = box
     return (x0, y0, z0), (x1, y1, z1)

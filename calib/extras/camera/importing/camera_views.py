@@ -28,7 +28,7 @@ from calib.extras.camera.importing.marker_poses import load_marker_poses
 from calib.extras.camera.observed import NAME, CameraViews
 from calib.extras.camera.reprojection import full_pose_errors
 from calib.extras.camera.view import covariance_of, shared_errors
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 from calib.progress import OnProgress
