@@ -54,6 +54,9 @@ class Parameter:
     prior_mean: float = 0.0  # of the fitted value, where arms of its type tell it
 
 
+Parameters = tuple[Parameter, ...]
+
+
 @dataclass(frozen=True)
 class NaturalBound:
     """Largest size that an effect's parameters of one unit have on real arms, with the source as a clause.

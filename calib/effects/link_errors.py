@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.effects.effect import Parameter
+from calib.effects.effect import Parameter, Parameters
 from calib.effects.state import RobotState
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot, Target
 
@@ -35,7 +35,7 @@ class LinkErrors(Brief):
     corrects_robot = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Errors of the table's entries: a1 alpha1 d1 theta1 beta1 ... betaTCP."""
         names = self.robot.parameter_names
         kinds = [kind for _ in self.robot.frame_names for kind in PARAMETER_KINDS]
@@ -77,7 +77,7 @@ class TargetOffsets:
     corrects_robot = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Errors of each target's coordinates: smr2.x smr2.y smr2.z ..."""
         return tuple(
             Parameter(

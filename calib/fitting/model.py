@@ -20,6 +20,7 @@ from calib.dataset.dataset import Poses
 from calib.effects.effect import (
     Effect,
     Parameter,
+    Parameters,
     apply_values,
     corrects_robot,
     family_name,
@@ -52,7 +53,7 @@ class Model(Brief):
     _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @cached_property
-    def _all_parameters(self) -> tuple[Parameter, ...]:
+    def _all_parameters(self) -> Parameters:
         return tuple(self._named(full_name(effect, p), p) for effect in self.effects for p in effect.parameters)
 
     def _named(self, name: str, parameter: Parameter) -> Parameter:
@@ -64,7 +65,7 @@ class Model(Brief):
         return np.array([p.name not in self.fixed for p in self._all_parameters], dtype=bool)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Free parameters of the model, in the order of the solver's vector x."""
         return tuple(p for p in self._all_parameters if p.name not in self.fixed)
 

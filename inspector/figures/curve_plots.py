@@ -6,7 +6,6 @@ Fitted curves in, a plotly figure out; style and labels are in `inspector.figure
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -16,7 +15,7 @@ from calib.html_text import escape
 from calib.kinematics.robot import Robot
 from calib.present.fit.curves import input_label, read_unit
 from calib.screening.curves.fitted_curves import FittedCurve
-from inspector.figures.style import EDGE, SELECTED_COLOUR, figure, selects_joint
+from inspector.figures.style import EDGE, SELECTED_COLOUR, Part, figure, selects_joint
 
 CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
 _TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (56, 116, 68, 44)  # legend and first title; a panel; between two; last axis
@@ -40,10 +39,10 @@ def joint_curves(
     """
     rows = -(-len(curves) // columns)
     inner_px = height_px(len(curves), columns) - _TOP_PX - _BOTTOM_PX
-    traces: list[dict[str, Any]] = []
-    layout: dict[str, Any] = {}
-    shapes: list[dict[str, Any]] = []
-    titles: list[dict[str, Any]] = []
+    traces: list[Part] = []
+    layout: Part = {}
+    shapes: list[Part] = []
+    titles: list[Part] = []
     for k, curve in enumerate(curves):
         name = "" if k == 0 else str(k + 1)
         row, column = divmod(k, columns)
@@ -97,7 +96,7 @@ def _range(curve: FittedCurve) -> tuple[float, float]:
     return min(low, 0.0) - 1.8 * pad, max(high, 0.0) + pad  # the inputs are marked at the bottom
 
 
-def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, *, first: bool) -> list[dict[str, Any]]:
+def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, *, first: bool) -> list[Part]:
     """Traces of one curve; `rug` is the error at which the measured inputs are marked."""
     x, y = curve.input_scale * curve.u, curve.scale * curve.value
     half = 2.0 * curve.scale * curve.sigma
@@ -141,7 +140,7 @@ def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, *, first: bo
     ]  # fmt: skip
 
 
-def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[dict[str, Any]]:
+def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[Part]:
     """Grey rectangles on either side of the measured range."""
     u, first, last = (curve.input_scale * v for v in (curve.u, curve.measured[:1], curve.measured[-1:]))
     return [
@@ -153,7 +152,7 @@ def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[dict[str, An
     ]  # fmt: skip
 
 
-def _outline(xaxis: str, yaxis: str) -> dict[str, Any]:
+def _outline(xaxis: str, yaxis: str) -> Part:
     """Rectangle around a panel."""
     return {
         "type": "rect", "xref": f"{xaxis} domain", "yref": f"{yaxis} domain", "x0": 0, "x1": 1, "y0": 0, "y1": 1,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -11,7 +10,7 @@ import plotly.graph_objects as go
 from calib.array_types import Array
 from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
 from calib.html_text import escape
-from inspector.figures.style import SELECTS_POSE, figure, shortened
+from inspector.figures.style import SELECTS_POSE, Part, figure, shortened
 from inspector.markup.parts.palette import NEUTRAL, PROPOSAL, ROLE_COLOURS, UNKNOWN
 
 NAMED, NOT_NAMED = "named by the diagnosis", "not named"
@@ -21,7 +20,7 @@ _MOST = 16  # effects that are shown
 def evidence_bars(names: Sequence[str], log_evidence: Sequence[float], named: Sequence[bool]) -> go.Figure:
     """Bars of the log evidence of the best `_MOST` effects in the given order; a line at the least for adding one."""
     labels = [shortened(name, 26) for name in names[:_MOST]]
-    traces: list[dict[str, Any]] = []
+    traces: list[Part] = []
     for trace, colour, of in ((NAMED, PROPOSAL, True), (NOT_NAMED, UNKNOWN, False)):
         at = [k for k in range(len(labels)) if named[k] is of]
         if at:
@@ -58,7 +57,7 @@ def moved_by_change(moved_mm: Array, explained_mm: Array, ids: Sequence[str], he
     held_out: (P,) which pairs no fit saw.
     """
     ends = [float(explained_mm.min(initial=0.0)), float(explained_mm.max(initial=0.0))]
-    traces: list[dict[str, Any]] = []
+    traces: list[Part] = []
     for name, role, of in (("fitted pairs, per coordinate", "train", False), ("held-out pairs", "test", True)):
         rows = np.flatnonzero(np.asarray(held_out, dtype=bool) == of)
         names = [escape(ids[k]) for k in np.repeat(rows, 3).tolist()]

@@ -6,7 +6,6 @@ Plain arrays in, plotly figures out; nothing is computed here. Style and labels 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -22,6 +21,7 @@ from inspector.figures.style import (
     SELECTS_POSE,
     SHOWS_STEP,
     SIGNED_SCALE,
+    Part,
     distinct_labels,
     figure,
     selects_joint_of_row,
@@ -53,7 +53,7 @@ def correlation_heatmap(
     without = [name for name in names if name in set(no_influence)] or [
         name for i, name in enumerate(names) if missing[i].all()
     ]
-    traces: list[dict[str, Any]] = []
+    traces: list[Part] = []
     if missing.any():
         traces.append(
             {
@@ -126,7 +126,7 @@ def convergence(
     )
 
 
-def _curve(role: str, x: list[int], y: Array) -> dict[str, Any]:
+def _curve(role: str, x: list[int], y: Array) -> Part:
     return {
         "type": "scatter", "mode": "lines+markers", "name": ROLES[role], "x": x, "y": y.tolist(),
         "line": {"color": ROLE_COLOURS[role], "width": 2},
@@ -134,7 +134,7 @@ def _curve(role: str, x: list[int], y: Array) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _log_ticks(values: Sequence[float]) -> dict[str, Any]:
+def _log_ticks(values: Sequence[float]) -> Part:
     """Ticks 1, 2, 5, 10, ... over the values' range; only powers of ten where it is wide."""
     if not len(values):
         return {}
@@ -170,8 +170,8 @@ def pose_residuals(
         )  # fmt: skip
     every = max(1, -(-len(names) // MOST_TICKS))
     robust = robust_range(values, from_zero=True)
-    extent: dict[str, Any] = {"rangemode": "tozero"}
-    words: list[dict[str, Any]] = []
+    extent: Part = {"rangemode": "tozero"}
+    words: list[Part] = []
     if robust is not None:
         extent = {"range": [robust.low, robust.high]}
         edge, text = beyond(robust, names, values, names, "mm")
@@ -220,7 +220,7 @@ def error_history(
     steps = list(range(len(labels)))
     names = [escape(label) for label in labels]
     shown: list[float] = []
-    traces: list[dict[str, Any]] = []
+    traces: list[Part] = []
     if floor_mm is not None and len(labels):
         shown.append(floor_mm)
         traces += _noise_band(floor_mm, noise, len(labels), max(map(len, test_poses_mm), default=0))
@@ -253,7 +253,7 @@ def error_history(
     )  # fmt: skip
 
 
-def _noise_band(floor_mm: float, noise: str, models: int, test_poses: int) -> list[dict[str, Any]]:
+def _noise_band(floor_mm: float, noise: str, models: int, test_poses: int) -> list[Part]:
     """Band in which noise alone leaves the RMSE of the test poses, 95 %; a line where no test pose is given."""
     low, high = -0.3, models - 0.7
     hover = f"{noise}: {floor_mm:.4g} mm<extra></extra>"
@@ -275,7 +275,7 @@ def _noise_band(floor_mm: float, noise: str, models: int, test_poses: int) -> li
     ]
 
 
-def _dropping(test_poses_mm: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
+def _dropping(test_poses_mm: Sequence[Mapping[str, float]]) -> list[Part]:
     """Traces of the single test poses: lines from model to model, and points that select their pose."""
     every = list(dict.fromkeys(pose for errors in test_poses_mm for pose in errors))
     ids = every[:: max(1, -(-len(every) // MOST_DROPPING))]

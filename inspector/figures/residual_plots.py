@@ -7,7 +7,6 @@ own, so that going from pose to pose changes that one (`select`) and draws nothi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -17,7 +16,7 @@ from calib.array_types import Array, IndexArray
 from calib.html_text import escape
 from calib.present.names import ROLES
 from inspector.figures.robust_axis import beyond, robust_range
-from inspector.figures.style import EDGE, SELECTED_COLOUR, SELECTS_POSE, SIGNED_SCALE, figure, shortened
+from inspector.figures.style import EDGE, SELECTED_COLOUR, SELECTS_POSE, SIGNED_SCALE, Part, figure, shortened
 from inspector.markup.parts.colour_scale import ERROR
 from inspector.markup.parts.palette import ROLE_COLOURS
 
@@ -46,8 +45,8 @@ def residual_against(
     `smooth` may have rows of nan: the line stops there. Single values between two (levels of an input) are dashes.
     """
     at, values = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    traces: list[dict[str, Any]] = []
-    shapes: list[dict[str, Any]] = []
+    traces: list[Part] = []
+    shapes: list[Part] = []
     if np.isfinite(band).all():
         shapes.append(
             {
@@ -71,8 +70,8 @@ def residual_against(
         traces.append(_line(np.asarray(smooth[0], dtype=float), np.asarray(smooth[1], dtype=float)))
     positive = bool(np.isfinite(values).any()) and float(np.nanmin(values)) >= 0.0
     robust = robust_range(values, from_zero=positive)
-    extent: dict[str, Any] = {"rangemode": "tozero" if positive else "normal"}
-    words: list[dict[str, Any]] = []
+    extent: Part = {"rangemode": "tozero" if positive else "normal"}
+    words: list[Part] = []
     if robust is not None:
         extent = {"range": [robust.low, robust.high]}
         unit = y_title.rpartition(", ")[2]
@@ -127,7 +126,7 @@ def place_views(
     usual = np.abs(shown if robust is None else shown[~robust.wild])
     largest = float(usual[np.isfinite(usual)].max(initial=0.0)) or 1.0
     scale_words = "" if robust is None else f"; {int(robust.wild.sum())} beyond, up to {robust.farthest:.3g}"
-    colour: dict[str, Any] = {
+    colour: Part = {
         "cmin": -largest if signed else 0.0,
         "cmax": largest,
         "colorscale": SIGNED_SCALE if signed else _SIZES,
@@ -136,7 +135,7 @@ def place_views(
         "title": {"text": escape(title + scale_words), "side": "right"}, "thickness": 10, "len": 0.9, "outlinewidth": 0,
         "tickfont": {"size": 10}, "xpad": 4,
     }  # fmt: skip
-    traces: list[dict[str, Any]] = []
+    traces: list[Part] = []
     for axis, letter in ((1, "y"), (2, "y2")):
         first = letter == "y"
         for role, rows in _roles(is_test):
@@ -178,7 +177,7 @@ def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]
     return _two_views(traces)
 
 
-def _two_views(traces: Sequence[dict[str, Any]]) -> go.Figure:
+def _two_views(traces: Sequence[Part]) -> go.Figure:
     """Figure of two panels of equal scale: from above (traces on axis "y") and from the side (traces on "y2")."""
     equal = {"scaleanchor": "x", "constrain": "domain"}
     return figure(
@@ -239,7 +238,7 @@ def _roles(is_test: ArrayLike) -> list[tuple[str, IndexArray]]:
     return [(role, at) for role, at in rows if len(at)]
 
 
-def _ring(yaxis: str | None = None) -> dict[str, Any]:
+def _ring(yaxis: str | None = None) -> Part:
     edge = SELECTED_COLOUR
     return {
         "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip",

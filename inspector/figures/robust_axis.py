@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
-from inspector.figures.style import EDGE, SELECTS_POSE, VEIL
+from inspector.figures.style import EDGE, SELECTS_POSE, VEIL, Part
 
 FAR = 4.0
 FEWEST = 8  # values of which some can be exceptions
@@ -57,9 +57,7 @@ def robust_range(values: ArrayLike, *, from_zero: bool = False) -> RobustRange |
     return RobustRange(low - (0.0 if from_zero else pad), high + pad, wild, farthest)
 
 
-def beyond(
-    shown: RobustRange, x: Sequence[Any], values: Array, names: Sequence[str], unit: str
-) -> tuple[dict[str, Any], dict[str, Any]]:
+def beyond(shown: RobustRange, x: Sequence[Any], values: Array, names: Sequence[str], unit: str) -> tuple[Part, Part]:
     """Trace of triangles at the edge of the y axis for outlying values, and the text with their number."""
     at = [int(i) for i in np.flatnonzero(shown.wild)]
     above = values[at] > shown.high

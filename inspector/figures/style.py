@@ -19,6 +19,8 @@ import plotly.graph_objects as go
 from calib.html_text import escape
 from inspector.markup.parts.palette import HIGHLIGHT, MEASURE
 
+Part = dict[str, Any]  # of a figure as plotly takes it: a trace, an axis, a shape, an annotation
+
 # Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
 SIGNED_SCALE = ((0.0, "#2166AC"), (0.25, "#92C5DE"), (0.5, "#F7F7F7"), (0.75, "#F4A582"), (1.0, "#B2182B"))
 # Of a trace whose points' `ids` are poses, escaped: a click on one selects it (server/client/plots.js). Where points
@@ -76,7 +78,7 @@ def log_axis(low: float, high: float) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _key(traces: Sequence[dict[str, Any]], *axes: dict[str, Any]) -> str:
+def _key(traces: Sequence[Part], *axes: Part) -> str:
     """Key that differs between figures of different data, so that a zoom stays with its own figure.
 
     Viser keeps a zoom whatever is plotted next, unless an axis says that it is another.
@@ -87,7 +89,7 @@ def _key(traces: Sequence[dict[str, Any]], *axes: dict[str, Any]) -> str:
 
 
 def figure(
-    traces: Sequence[dict[str, Any]],
+    traces: Sequence[Part],
     *,
     xaxis: dict[str, Any],
     yaxis: dict[str, Any],
@@ -103,7 +105,7 @@ def figure(
         "gridcolor": _GRID, "linecolor": _GRID, "zerolinecolor": _ZERO, "uirevision": _key(traces, xaxis, yaxis),
     }  # fmt: skip
 
-    def axis(own: dict[str, Any]) -> dict[str, Any]:
+    def axis(own: Part) -> Part:
         near = {"standoff": own["standoff"]} if "standoff" in own else {}  # pixels from the numbers to the title
         title = {"title": {"text": own["title"], **near}} if "title" in own else {}
         return {**axes, **{key: value for key, value in own.items() if key != "standoff"}, **title}

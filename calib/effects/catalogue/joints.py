@@ -11,7 +11,7 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.loads import PLAY
 from calib.effects.catalogue.order_steps import is_measured_for_training
-from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter
+from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, Parameters
 from calib.effects.shaped import JointOffset, ShapedEffect
 from calib.effects.state import RobotState
 
@@ -23,7 +23,7 @@ HIGH_ORDERS = range(4, 21)
 _COUNTED = "gear ratios are whole numbers of teeth, and encoders count them to 1e-3 and better"
 
 
-def harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
+def harmonic(order: float, scale: float) -> Parameters:
     """Parameters of one harmonic of a joint: sin3_rad and cos3_rad for the third."""
     suffix = f"{order:g}_rad".replace(".", "_")
     return tuple(Parameter(part + suffix, "rad", scale, f"{part}({order:g} q) amplitude") for part in ("sin", "cos"))
@@ -64,7 +64,7 @@ class TransmissionError(CatalogueEffect):
     linear = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Amplitudes of the error's sine and cosine."""
         return harmonic(self.order, 3e-4)
 
@@ -140,7 +140,7 @@ class HighHarmonic(ShapedEffect):
         return JointOffset(self.joint)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Amplitudes of the error's sine and cosine."""
         return harmonic(self.order, 1e-4)
 
@@ -250,7 +250,7 @@ class JointCoupling(CatalogueEffect):
     linear = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Coupling factor k, named after the driving joint, as a joint may have two drivers."""
         return (Parameter(f"k_of_J{self.driver + 1}", "1", 1e-4, "share of the neighbour's motion"),)
 
@@ -302,7 +302,7 @@ class CableDrag(ShapedEffect):
         return JointOffset(self.joint)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Amplitudes of the error's sine and cosine, with the neighbouring joint in their names."""
         way = "with" if self.sign > 0 else "against"
         return tuple(
@@ -362,7 +362,7 @@ class Counterbalance(ShapedEffect):
         return JointOffset(self.joint)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Turns by the parts of the force that grow with the spring's length, and that do not."""
         place = f"{self.dead_centre_deg}deg_{self.ratio_pct}pct"
         return (
@@ -517,7 +517,7 @@ class JointDent(ShapedEffect):
         return JointOffset(self.joint)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Height of the dent, with the dent's place and width in the parameter's name."""
         place = f"{'minus' if self.place_deg < 0 else ''}{abs(self.place_deg)}"
         return (Parameter(f"at_{place}deg_{self.width_deg}deg_wide_rad", "rad", 3e-4, "height of the dent"),)
@@ -584,7 +584,7 @@ class AxisWobble(CatalogueEffect):
     linear = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Amplitudes (sine and cosine) of the axis' tilt about x and about y."""
         return tuple(
             Parameter(f"{axis}_{part}{self.order}_rad", "rad", 3e-4, f"tilt about {axis}, {part}({self.order} q)")

@@ -16,7 +16,15 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset, PoseCondition
-from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, registered_effects
+from calib.effects.effect import (
+    CatalogueEffect,
+    Effect,
+    Family,
+    NaturalBound,
+    Parameter,
+    Parameters,
+    registered_effects,
+)
 from calib.effects.gravity import has_masses, loaded_joints
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
@@ -93,7 +101,7 @@ def stiffness(c_rad_per_nm: float) -> str:
     return f"stiffness {value:.3g} Nm/rad"
 
 
-def _products(prefix: str, frames: Iterator[int] | range, compliance: float, axis: str = "") -> tuple[Parameter, ...]:
+def _products(prefix: str, frames: Iterator[int] | range, compliance: float, axis: str = "") -> Parameters:
     """Parameters for unknown masses, one for each frame: compliance times the mass at that frame."""
     doc = f"compliance{axis and f' about {axis}'} times the mass at a frame"
     return tuple(Parameter(f"{prefix}_{k}", "rad kg/Nm", _USUAL_KG * compliance, doc) for k in frames)
@@ -135,7 +143,7 @@ class JointCompliance(CatalogueEffect):
     linear = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Compliance of the joint."""
         return (Parameter("c_rad_per_nm", "rad/Nm", _JOINT, "compliance; its inverse is the stiffness", positive=True),)
 
@@ -179,7 +187,7 @@ class JointComplianceUnknownMasses(JointCompliance):
     helpful_conditions = ()
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Compliance times mass for each frame beyond the joint, and the compliance where the payload varies."""
         masses = _products("cm_at", range(self.joint + 1, self.joint + 1 + self.places), _JOINT)
         known = Parameter("c_rad_per_nm", "rad/Nm", _JOINT, "compliance; its inverse is the stiffness", positive=True)
@@ -235,7 +243,7 @@ class LinkBending(CatalogueEffect):
     linear = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """The link's only parameter, its compliance L / EI."""
         doc = "L / EI: turn of the link's end by a unit moment"
         return (Parameter("c_rad_per_nm", "rad/Nm", _LINK, doc, positive=True),)
@@ -274,7 +282,7 @@ class LinkBendingUnknownMasses(LinkBending):
     needs = "many poses"
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """L / EI times mass for each frame from the link's end on, and L / EI where the payload varies."""
         masses = _products("cm_at", range(self.joint + 1, self.joint + 1 + self.places), _LINK)
         known = Parameter("c_rad_per_nm", "rad/Nm", _LINK, "L / EI: turn of its end by a unit moment", positive=True)
@@ -323,7 +331,7 @@ class BaseCompliance(CatalogueEffect):
     linear = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Compliances of the base about its x and y axes."""
         return tuple(_tilt(axis) for axis in "xy")
 
@@ -352,7 +360,7 @@ class BaseComplianceUnknownMasses(BaseCompliance):
     needs = "many poses"
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Compliance times mass for each frame, about x and then y; plain compliance where the payload varies."""
         parameters: list[Parameter] = []
         for axis in "xy":
@@ -435,7 +443,7 @@ class NonlinearStiffness(CatalogueEffect):
     linear = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Compliance that grows with the torque."""
         return (Parameter("c2_rad_per_nm2", "rad/Nm^2", 5e-7, "compliance that grows with the torque"),)
 
@@ -478,7 +486,7 @@ class WindUp(NonlinearStiffness):
     bounds = (NaturalBound(5e-3, "rad", "drives give way by a few minutes of arc before they are stiff"),)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Turn to either side, with the torque at which it is used up in the parameter's name."""
         knee = f"{self.knee_nm:g}".replace(".", "p")
         return (Parameter(f"windup_over_{knee}nm_rad", "rad", 3e-4, "turn under a large torque", positive=True),)

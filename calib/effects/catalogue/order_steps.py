@@ -16,7 +16,7 @@ from calib.array_types import Array, BoolArray, Vector
 from calib.dataset.dataset import Dataset, Poses
 from calib.effects.catalogue.loads import where_masses_are_known
 from calib.effects.catalogue.scanner import field_of
-from calib.effects.effect import Family, NaturalBound, Parameter
+from calib.effects.effect import Family, NaturalBound, Parameter, Parameters
 from calib.effects.shaped import (
     BaseTilt,
     JointOffset,
@@ -170,7 +170,7 @@ class JointStep(Step):
         return JointOffset(self.joint)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Size of the step, with the pose in its name, as a joint may slip more than once."""
         scale = 3e-4 if self.unit == "rad" else 0.1
         return (Parameter(f"from_{self.start.word}_{self.unit}", self.unit, scale, "size of the step"),)
@@ -215,7 +215,7 @@ class TargetStep(Step):
         return TargetShift()
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """The shift along the flange's x, y and z axes."""
         return tuple(
             Parameter(f"{axis}_from_{self.start.word}_mm", "mm", 0.1, f"shift along the flange's {axis}")
@@ -260,7 +260,7 @@ class ScannerStep(Step):
         return ScannerMotion(self.centre_mm)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Shift of the reported points, and turn about the field's middle; usual sizes move a point by 0.1 mm."""
         turn = 0.1 / self.half_mm
         return (
@@ -308,7 +308,7 @@ class ScaleStep(Step):
         return ScannerScaling()
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Relative change of the scale."""
         return (Parameter(f"from_{self.start.word}", "1", 1e-5, "relative change of all distances"),)
 
@@ -347,7 +347,7 @@ class BaseLoosening(Step):
         return BaseTilt()
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Compliances of the base about its x and y axes."""
         return tuple(
             Parameter(
@@ -404,7 +404,7 @@ class PayloadStep(Step):
         return PayloadDeflection(self.joints)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Compliance times the mass, for each joint that a mass at the flange turns."""
         doc = "compliance times the mass put on, of joint"
         return tuple(
@@ -469,7 +469,7 @@ class LinkStep(Step):
         return LinkBend(self.joint)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Shift of the link's end along, and turn about, the axes of the frame at it."""
         word = self.start.word
         return (

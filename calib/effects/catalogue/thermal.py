@@ -13,7 +13,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.signals import named_temperatures
-from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter
+from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter, Parameters
 from calib.effects.shaped import Growth, HeatOfMotor, ShapedEffect
 from calib.effects.state import RobotState
 
@@ -64,7 +64,7 @@ class ThermalGrowth(CatalogueEffect):
     linear = True
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Expansion, with the lag in its name."""
         name = f"kappa_after_{self.lag_minutes}min_per_k" if self.lag_minutes else "kappa_per_k"
         return (Parameter(name, "1/K", 1e-5, "expansion of all links"),)
@@ -107,7 +107,7 @@ class GrowthBySensor(ThermalGrowth):
     sensor: str = field(kw_only=True)  # "motor2" for temperature_motor2_c
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Expansion, with the sensor in its name."""
         return (Parameter(f"kappa_by_{self.sensor}_per_k", "1/K", 1e-5, "expansion of all links"),)
 
@@ -132,7 +132,7 @@ class JointBySensor(GrowthBySensor):
     symbols = (("kappa_j", "1/K"), ("b_j", "rad/K"))
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Turn of the joint and expansion of its link, with the sensor in their names."""
         return (
             Parameter(f"turn_by_{self.sensor}_rad_per_k", "rad/K", 1e-5, "turn of the joint by 1 K"),
@@ -194,7 +194,7 @@ class WarmUp(ShapedEffect):
         return Growth()
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Relative growth of the warm arm, with the time constant T in the parameter's name."""
         return (Parameter(f"growth_in_{self.minutes}min", "1", 1e-4, "growth of all lengths in the end"),)
 
@@ -286,7 +286,7 @@ class MotorHeat(ShapedEffect):
         return HeatOfMotor(self.joint)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """Turn and growth by a recent speed of 1 rad/s, with the time constant and the start in their names."""
         word = f"{'warm_' if self.warm else ''}in_{self.seconds}s"
         return (

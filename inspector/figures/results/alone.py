@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Container
 from importlib import import_module
-from typing import Any
 
 import plotly.graph_objects as go
 
@@ -12,7 +11,7 @@ from calib.errors import CalibError
 from calib.html_text import escape
 from calib.progress import in_notebook
 from inspector.figures.results.still import to_svg
-from inspector.figures.style import INK
+from inspector.figures.style import INK, Part
 from inspector.figures.svg.file import DARK_PAPER, LIGHT_PAPER
 
 _TITLE_PX, _ALONE_PX = 34, 420  # what a title takes; the height of a figure that gives none
@@ -27,10 +26,8 @@ class ResultFigure(go.Figure):  # type: ignore[misc]
     untrusted notebook shows that. Nothing is asked of the network.
     """
 
-    def _repr_mimebundle_(
-        self, include: Container[str] | None = None, exclude: Container[str] | None = None
-    ) -> dict[str, Any]:
-        bundle: dict[str, Any] = super()._repr_mimebundle_(include, exclude)
+    def _repr_mimebundle_(self, include: Container[str] | None = None, exclude: Container[str] | None = None) -> Part:
+        bundle: Part = super()._repr_mimebundle_(include, exclude)
         try:
             return {**bundle, _SVG: to_svg(self)}
         except CalibError:  # plotly alone draws it
