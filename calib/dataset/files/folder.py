@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from calib.array_types import Vector
 from calib.dataset.attachments import AttachedValue, Attachment
 from calib.dataset.dataset import About, Dataset, Points, Poses, usual_residual
 from calib.dataset.files.atomic_write import write_text_atomically
@@ -39,7 +40,7 @@ from calib.dataset.link_encoders import with_link_encoders
 from calib.dataset.measured_torques import with_measured_loads
 from calib.errors import DatasetError, is_one_line
 from calib.jig import Jig
-from calib.kinematics.robot import Robot, Vector
+from calib.kinematics.robot import Robot
 from calib.plugins import contributions, load
 from calib.scans.scan import scan_file
 from calib.text_files.csv_text import frame_csv
