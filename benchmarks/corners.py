@@ -40,6 +40,7 @@ sys.path.insert(0, str(ROOT))
 
 from calib.corners.intersection import intersect  # noqa: E402
 from calib.corners.search import find_corner  # noqa: E402
+from calib.statistics import rms  # noqa: E402
 from tests.support.scan_cases import CASES, Case  # noqa: E402
 from tests.support.scan_scene import SceneScan  # noqa: E402
 
@@ -94,7 +95,7 @@ class Measured:
 
     def rms(self) -> float:
         """Root mean square of the ratios."""
-        return float(np.sqrt(np.mean(self.ratios**2))) if len(self.ratios) else float("nan")
+        return rms(self.ratios) if len(self.ratios) else float("nan")
 
 
 def measure(method: Callable[[SceneScan, Case], Found], scenes: list[SceneScan], case: Case) -> Measured:

@@ -32,6 +32,7 @@ from calib.kinematics.robot import Joint, Robot, Tool
 from calib.options import FitOptions
 from calib.simulation.measured_dataset import measure
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
+from calib.statistics import rms_length
 
 Array = NDArray[np.float64]
 STEP_MM, STEP_RAD = 0.1, 1e-4  # of differences
@@ -145,7 +146,7 @@ def one(rng: np.random.Generator, joints: int, poses: int, noise_mm: float, shar
 
     def off(error_mm: Array) -> float:
         missed = (measured.xyz_mm + error_mm - made.apex_mm)[test]
-        return float(np.sqrt(np.mean(np.sum(missed**2, axis=1))))
+        return rms_length(missed)
 
     return Outcome(
         joints,

@@ -44,6 +44,7 @@ from calib.identifiability.structural import structural_rank
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
+from calib.statistics import rms, rms_length
 
 INSTRUMENTS = {"0.05 mm, 0.1 mrad": (0.05, 1e-4), "0.003 mm, 0.04 mrad": (0.003, 4e-5)}
 
@@ -82,8 +83,8 @@ def held_out(dataset: Dataset, truth: Truth, seat: NDArray, kind: str, seed: int
     angle = Rotation.from_matrix(found @ np.swapaxes(true[:, :3, :3], 1, 2)).magnitude()
     return (
         result.fit.known,
-        float(np.sqrt(np.mean(np.sum(off_mm**2, axis=1)))),
-        float(np.sqrt(np.mean(angle**2))),
+        rms_length(off_mm),
+        rms(angle),
     )
 
 

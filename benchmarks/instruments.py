@@ -24,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from calib import calibrate, load_dataset
 from calib.array_types import Array
+from calib.statistics import rms_length
 from inspector.cli.parser import main
 from tests.support.scenarios.scenarios import camera_files
 from tests.support.scenarios.shop import (
@@ -77,7 +78,7 @@ def after_best_placement_mm(found_mm: Array, true_mm: Array) -> float:
     one, other = found_mm - found_mm.mean(axis=0), true_mm - true_mm.mean(axis=0)
     u, _, vt = np.linalg.svd(one.T @ other)
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return float(np.sqrt(np.mean(np.sum((one @ turn - other) ** 2, axis=1))))
+    return rms_length(one @ turn - other)
 
 
 def errors_mm(way: Callable[[int, Path], tuple[Arm, list[str], str]], seed: int) -> Array:

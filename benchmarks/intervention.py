@@ -29,6 +29,7 @@ from calib.array_types import Array
 from calib.extras.proof_plan.proof_plan import yielding_pairs
 from calib.extras.proof_plan.simulated_pairs import ConditionChange, PairCell
 from calib.planning.start import FromRobot
+from calib.statistics import rms
 from calib.workcell.known_cell import workcell_of_robot
 from tests.support.engine.cell import Cell
 from tests.support.paired_cell import (
@@ -132,7 +133,7 @@ def part_that_yields(
     natural = []
     for part, columns in parts:
         shift = columns[:, 0] if part.joint is not None else columns @ soft
-        size = task.size * NOISE_MM / float(np.sqrt(np.mean(shift**2)))
+        size = task.size * NOISE_MM / rms(shift)
         if size * 1e-6 < LARGEST[part.effect]:
             natural.append((part, size))
     of_kind = [one for one in natural if one[0].effect == kind] or natural
@@ -176,7 +177,7 @@ def best_part(parts: Sequence[tuple[Member, Array]], nuisance: Array, xyz_mm: Ar
     residual = (residual - nuisance @ (nuisance.T @ residual)) / (np.sqrt(2.0) * NOISE_MM)
     evidence = []
     for _, raw in parts:
-        unit = raw / np.sqrt(np.mean(raw**2))  # root mean square 1 mm a coordinate
+        unit = raw / rms(raw)  # root mean square 1 mm a coordinate
         visible = (unit - nuisance @ (nuisance.T @ unit)) / (np.sqrt(2.0) * NOISE_MM)
         u, s, _ = np.linalg.svd(visible, full_matrices=False)
         grow = 1.0 + np.multiply.outer(SCALES_MM**2, s**2)

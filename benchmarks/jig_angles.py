@@ -37,6 +37,7 @@ from calib.corners.intersection import Corner  # noqa: E402
 from calib.corners.jig_angles import with_common_angles  # noqa: E402
 from calib.corners.search import find_corner  # noqa: E402
 from calib.jig import Jig, jig_normals  # noqa: E402
+from calib.statistics import rms  # noqa: E402
 from tests.support.scan_scene import SceneScan, jig_rotation, make_scene  # noqa: E402
 
 EDGE_MM = 60.0
@@ -140,7 +141,7 @@ def cell(errors_mm: list[NDArray], corners: list[Corner] | None = None) -> str:
         [e @ np.linalg.solve(c.covariance_mm2, e) for e, c in zip(errors_mm, corners, strict=True)]
     )  # fmt: skip
     shown = f"{squared:6.2f}" if squared != "" else ""
-    return f"{np.median(sizes):9.4f}{np.sqrt(np.mean(sizes**2)):9.4f}{shown:>6}"
+    return f"{np.median(sizes):9.4f}{rms(sizes):9.4f}{shown:>6}"
 
 
 def row(name: str, scans: int, points: int) -> str:

@@ -21,7 +21,7 @@ import pandas as pd
 from calib.dataset.dataset import Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import apply
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.simulation.measured_dataset import Simulation, measure, write_simulation
 from calib.simulation.pose_design import draw_scanner_pose, reach_apexes, scan_poses, spread_poses
@@ -134,7 +134,7 @@ def led_to(truth: Truth, q: np.ndarray, wanted_mm: np.ndarray) -> np.ndarray:
     base_mm = apply(truth.base_T_scanner, wanted_mm)
     for _ in range(10):
         off_mm = base_mm - apply(truth.base_T_scanner, scanner_T_target(truth, q)[:, :3, 3])
-        chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+        chain = nominal_chain(robot, q)
         axis, origin_mm = chain.base_T_frame[:, :-2, :3, 2], chain.base_T_frame[:, :-2, :3, 3]
         move = np.swapaxes(np.cross(axis, chain.target_mm[:, None] - origin_mm), 1, 2)  # (K, 3, n)
         q = q + np.einsum("knj,kj->kn", np.linalg.pinv(move), off_mm)

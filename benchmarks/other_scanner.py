@@ -36,6 +36,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from calib.corners.search import CornerSearch, find_corner  # noqa: E402
+from calib.statistics import rms  # noqa: E402
 from tests.support.mesh_cases import KINDS  # noqa: E402
 from tests.support.mesh_scene import MeshScan  # noqa: E402
 
@@ -112,10 +113,10 @@ def row(name: str, outcomes: list[Outcome]) -> str:
     ratios = np.array([o.error_mm / o.made.bound_mm for o in found])
     squares = np.array([o.mahalanobis2 for o in found])
     seconds = [o.cpu_s for o in outcomes]
-    rms, middle, mean = (np.sqrt(np.mean(ratios**2)), np.median(ratios), squares.mean()) if found else (np.nan,) * 3
+    size, middle, mean = (rms(ratios), np.median(ratios), squares.mean()) if found else (np.nan,) * 3
     return (
         f"{name:22}{np.median([len(o.made.label) for o in outcomes]):9.0f}{len(outcomes):7}{len(fair):6}{len(found):7}"
-        f"{len(fair) - len(found):8}{sum(o.wrong for o in outcomes):7}{rms:11.2f}{middle:8.2f}{mean:10.2f}"
+        f"{len(fair) - len(found):8}{sum(o.wrong for o in outcomes):7}{size:11.2f}{middle:8.2f}{mean:10.2f}"
         f"{np.median(seconds):9.2f}{max(seconds):7.1f}"
     )
 

@@ -42,6 +42,7 @@ from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.simulation.truth.arm_sampling import TYPICAL, Tolerances, draw_truth
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 from calib.simulation.truth.mechanism import Conditions
+from calib.statistics import rms
 from calib.workcell.candidates import candidate_poses
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.workcell import Workcell
@@ -181,7 +182,7 @@ def jang(many: int) -> None:
         plan = plan_poses(start, 5)
         took = time.process_time() - began
         errors = [simulated(start, further, many) for further in (None, plan.poses.q)]
-        now, then = (float(np.sqrt(np.mean(e**2))) for e in errors)
+        now, then = (rms(e) for e in errors)
         now_middle, then_middle = (float(np.median(e)) for e in errors)
         far = int(np.sum(errors[1] > 4.0 * plan.then.geometry_mm))
         print(

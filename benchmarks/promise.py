@@ -30,6 +30,7 @@ from calib.array_types import BoolArray, IndexArray
 from calib.calibration.promise import Z_90, misfit_inflation, promise
 from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
+from calib.statistics import rms
 from calib.validation import comparison
 
 TEST = 80  # test poses of a simulated arm
@@ -38,7 +39,7 @@ TEST = 80  # test poses of a simulated arm
 def coverages(fit: Calibration) -> tuple[float, float]:
     """Shares of test coordinates within 1.645 rms of the training errors, and within 1.645 promised sigmas."""
     own = promise(fit)
-    rms_mm = np.sqrt(np.mean(own.error_mm[~own.is_test] ** 2))
+    rms_mm = rms(own.error_mm[~own.is_test])
     assert own.coverage_90 is not None
     return float(np.mean(np.abs(own.error_mm[own.is_test]) <= Z_90 * rms_mm)), own.coverage_90
 

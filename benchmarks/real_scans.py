@@ -50,6 +50,7 @@ from calib.corners.search import find_corner  # noqa: E402
 from calib.jig import Jig  # noqa: E402
 from calib.measurement.measured_points import counted_reasons  # noqa: E402
 from calib.scans.scan import Scan, load_scan  # noqa: E402
+from calib.statistics import rms  # noqa: E402
 from calib.target_shapes import Sphere  # noqa: E402
 from calib.targets.spheres.sphere_finder import find_spheres  # noqa: E402
 
@@ -213,8 +214,8 @@ def compare(crops: list[tuple[NDArray, tuple[float, float, float]]], splits: int
         got = values[np.isfinite(values)]
         both = np.isfinite(values) & np.isfinite(apart["this project"])
         ratio = np.median(apart["this project"][both]) / np.median(values[both]) if both.any() else np.nan
-        middle, rms = (np.median(got), np.sqrt(np.mean(got**2))) if len(got) else (np.nan, np.nan)
-        print(f"{name:14}{len(got) / values.size:11.0%}{middle:11.3f}{rms:9.3f}   {ratio:.2f} ({both.sum()})")
+        middle, size = (np.median(got), rms(got)) if len(got) else (np.nan, np.nan)
+        print(f"{name:14}{len(got) / values.size:11.0%}{middle:11.3f}{size:9.3f}   {ratio:.2f} ({both.sum()})")
     print(f"reported sigma of a half's corner, median: {np.median(told) if told else np.nan:.3f} mm")
     print(f"{len(refused)} of {2 * splits * len(crops)} halves refused; {took(seconds)} a half")
     if refused:

@@ -27,7 +27,7 @@ from calib.dataset.files.robot_toml import load_robot_toml, robot_to_toml
 from calib.effects.gravity import GravityLoads
 from calib.errors import CalibError
 from calib.frames import invert, make_transform
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.robot_formats.robot_file import ReadOptions, read_arm, read_robot
@@ -136,7 +136,7 @@ def compare(path: Path, tip: str | None, oracle: str, vectors: int, worst: Worst
     worst.changed += calibrated_urdf(path, robot).content != path.read_bytes()
     answer = ORACLES[oracle](arm, robot)
     q = np.random.default_rng(0).uniform(-2, 2, (vectors, robot.n_joints)) * np.where(robot.is_revolute, 1, 300)
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     weighed = all(joint.mass_kg is not None for joint in robot.joints)
     torques = GravityLoads(robot, chain, None).joint_torques
     for k, values in enumerate(q):

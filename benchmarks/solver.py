@@ -45,6 +45,7 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot, Tool
 from calib.simulation.truth.equilibrium import Truth
 from calib.simulation.truth.load_effects import JointCompliance
+from calib.statistics import rms
 from tests.support.arms import park_arm
 
 # ---------------------------------------------------------------- exact data
@@ -60,7 +61,7 @@ def distance_rms_mm(model: Model, x: Array, dataset: Dataset) -> float:
     assert dataset.points is not None
     base_mm, seen_mm = model.predict(x, dataset.poses), dataset.points.xyz_mm
     error = np.linalg.norm(base_mm[1:] - base_mm[0], axis=1) - np.linalg.norm(seen_mm[1:] - seen_mm[0], axis=1)
-    return float(np.sqrt(np.mean(error**2)))
+    return rms(error)
 
 
 def exact(count: int) -> None:
@@ -187,7 +188,7 @@ def sigmas(count: int) -> None:
         print(
             f"{label:34} {count - len(good):9} {len(bound) / len(good):13.1f} "
             f"{np.mean(own**2):9.3f} +- {np.sqrt(2 / len(own)):.3f} "
-            f"{np.sqrt(np.mean(bound**2)):14.4f} {np.sqrt(np.mean(point)):14.4f}"
+            f"{rms(bound):14.4f} {np.sqrt(np.mean(point)):14.4f}"
         )
     print(
         "combinations: v . x along the directions v of the whitened, scaled Jacobian J = u s v^T at the truth with\n"

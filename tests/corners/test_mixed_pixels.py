@@ -11,6 +11,7 @@ from calib.corners.faces.mixed_pixels import MixedPixels, find_mixed_pixels, mov
 from calib.corners.search import find_corner
 from calib.jig import Jig, Outline
 from calib.planes.robust_fit import PlaneFit
+from calib.statistics import rms
 from tests.support.mesh_parts import JigShape
 from tests.support.mesh_scanners import Scanner
 from tests.support.mesh_scene import MeshScan, Scene, scan_of
@@ -75,7 +76,7 @@ def test_the_kernel_of_the_pixels_is_learned_and_taken_off() -> None:
     on = face == narrow
     before = (local @ normals[narrow])[on]
     after = (moved_back(local, planes, narrow, ORIGIN, JIG, mixed) @ normals[narrow])[on]
-    assert np.sqrt(np.mean(after**2)) < 0.6 * np.sqrt(np.mean(before**2))
+    assert rms(after) < 0.6 * rms(before)
 
 
 def test_pixels_that_see_a_single_place_each_are_left_alone() -> None:
@@ -102,8 +103,8 @@ def test_steep_coarsely_scanned_faces_come_near_the_bound(monkeypatch: pytest.Mo
     with_mixing = ratios()
     monkeypatch.setattr(mixed_pixels, "find_mixed_pixels", lambda *_: None)
     without = ratios()
-    assert np.sqrt(np.mean(with_mixing**2)) < 2.3
-    assert np.sqrt(np.mean(with_mixing**2)) < 0.7 * np.sqrt(np.mean(without**2))
+    assert rms(with_mixing) < 2.3
+    assert rms(with_mixing) < 0.7 * rms(without)
 
 
 @pytest.mark.slow

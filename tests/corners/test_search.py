@@ -22,6 +22,7 @@ from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.planes.point_selection import thin_to_voxels
 from calib.scans.scan import Scan, write_scan
+from calib.statistics import rms
 from tests.support.scan_cases import CASES
 from tests.support.scan_scene import FACE_LABELS, SceneScan, box_beside, grazing, make_scene
 from tests.support.stray_points import reflections
@@ -50,7 +51,7 @@ def errors(scenes: list[SceneScan], jig: Jig = JIG) -> tuple[NDArray, NDArray]:
 @pytest.mark.parametrize(("rays", "count"), [(8_000, 6), (50_000, 5)])
 def test_error_is_near_the_bound_and_the_covariance_says_so(rays: int, count: int) -> None:
     ratios, mahalanobis = errors([make_scene(np.random.default_rng(seed), rays) for seed in range(count)])
-    assert np.sqrt(np.mean(ratios**2)) < 1.6  # 1.15 over many scenes
+    assert rms(ratios) < 1.6  # 1.15 over many scenes
     assert mahalanobis.mean() < 6  # ideal 3; the mean of 5 has a sigma of 1.1 itself
     assert mahalanobis.max() < 25
 

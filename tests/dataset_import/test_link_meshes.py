@@ -11,7 +11,7 @@ import trimesh
 
 from calib import load_dataset, write_dataset
 from calib.dataset_import.user_files import look_through
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from calib.robot_formats.urdf.meshes import stl_of_links
 from calib.workcell.bodies.link_mesh import load_link_mesh
@@ -48,7 +48,7 @@ def test_meshes_stand_where_the_urdf_puts_them(tmp_path, capsys):
         dataset = load_dataset(folder)
         robot = dataset.robot
         assert [joint.mesh for joint in robot.joints] == [f"meshes/joint{k + 1}.stl" for k in range(6)]
-        frames = forward(robot.table, Q[:3], robot.is_revolute, robot.base_T_first).base_T_frame
+        frames = nominal_chain(robot, Q[:3]).base_T_frame
         for q, at in zip(Q[:3], frames, strict=True):
             for k, true in enumerate(corners_mm(q)):
                 mesh = load_link_mesh(dataset, k)
@@ -91,7 +91,7 @@ def test_collada_is_read_in_its_unit(tmp_path, capsys):
     code, out = importing(tmp_path, urdf)
     assert code == 0, capsys.readouterr().err
     dataset = load_dataset(out)
-    frames = forward(dataset.robot.table, Q[:1], dataset.robot.is_revolute, dataset.robot.base_T_first).base_T_frame
+    frames = nominal_chain(dataset.robot, Q[:1]).base_T_frame
     for k, true in enumerate(corners_mm(Q[0])):
         mesh = load_link_mesh(dataset, k)
         assert mesh is not None

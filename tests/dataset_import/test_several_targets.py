@@ -14,6 +14,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import target_points
+from calib.statistics import rms
 from inspector.cli.parser import main
 from tests.support.recorded_run import NAMES, TOOL_MM, robot_toml, tool_mm
 
@@ -48,7 +49,7 @@ def made(folder: Path, *given: str) -> Dataset:
 def held_out_mm(dataset: Dataset) -> float:
     q = np.random.default_rng(9).uniform(-2.0, 2.0, (200, 6))
     mine, true = target_points(calibrate(dataset).robot, q), tool_mm(q)
-    return float(np.sqrt(np.mean((apply(best_fit_transform(mine, true), mine) - true) ** 2)))
+    return rms(apply(best_fit_transform(mine, true), mine) - true)
 
 
 def wide(names: Sequence[str]) -> list[list[object]]:

@@ -28,6 +28,7 @@ from calib.identifiability.structural import structural_rank
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import base_T_target
+from calib.statistics import rms_length
 from tests.support.fit_cases import (
     SIGMA_RAD,
     check_gradient,
@@ -157,7 +158,7 @@ def test_attitudes_of_the_fitted_arm_are_the_true_ones_up_to_base_and_seat() -> 
             left = frames.mean_rotation(true @ np.swapaxes(found @ seat, 1, 2))
             seat = frames.mean_rotation(np.swapaxes(left @ found, 1, 2) @ true)
         turn = frames.rotvec_from_rotation(left @ found @ seat @ np.swapaxes(true, 1, 2))
-        off[kind] = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
+        off[kind] = rms_length(turn)
     assert off["pose"] < 2 * SIGMA_RAD
     assert off["pose"] < 0.5 * off["position"]
 

@@ -17,6 +17,7 @@ from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import tukey_weights
 from calib.fitting.trust_region import solve
 from calib.options import RESIDUAL_KINDS, FitOptions
+from calib.statistics import rms
 from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform
 from tests.support.fit_cases import check_gradient, with_point_covariances
 
@@ -113,7 +114,7 @@ def test_a_robust_fit_finds_the_wrong_points_and_the_right_arm() -> None:
         from calib.frames import apply, best_fit_transform
 
         truth = elementary_points(true, q)
-        return float(np.sqrt(np.mean((apply(best_fit_transform(found, truth), found) - truth) ** 2)))
+        return rms(apply(best_fit_transform(found, truth), found) - truth)
 
     plain = solve(make_residuals("position", model, spoiled))
     reference = solve(make_residuals("position", model, clean))

@@ -10,6 +10,7 @@ import pytest
 from calib import calibrate, frames
 from calib.intervention.displacements import PairDisplacements
 from calib.intervention.proof import interventions_of
+from calib.statistics import rms
 from inspector import figures
 from tests.support.engine.cell import Cell
 from tests.support.paired_cell import ARMS, compliance, difference_mm, draw_pairs, measured, size_of
@@ -39,7 +40,7 @@ def soft() -> tuple[Cell, float, PairDisplacements]:
 def test_what_is_explained_is_what_the_soft_joint_does(soft: tuple[Cell, float, PairDisplacements]) -> None:
     cell, size, shown = soft
     true_mm = difference_mm(cell, [(compliance(1).cause, size)])[shown.before]
-    assert np.sqrt(np.mean((shown.explained_mm - true_mm) ** 2)) < 0.1 * np.sqrt(np.mean(true_mm**2))
+    assert rms(shown.explained_mm - true_mm) < 0.1 * rms(true_mm)
 
 
 def test_what_was_moved_is_measured_without_the_motion_of_the_instrument(
@@ -48,7 +49,7 @@ def test_what_was_moved_is_measured_without_the_motion_of_the_instrument(
     _, _, shown = soft
     off_mm = shown.moved_mm - shown.explained_mm
     # The noise of two points, less the nine unknowns that took some of it.
-    assert 0.75 < np.sqrt(np.mean(off_mm[~shown.held_out] ** 2)) / (np.sqrt(2.0) * SIGMA_MM) < 1.1
+    assert 0.75 < rms(off_mm[~shown.held_out]) / (np.sqrt(2.0) * SIGMA_MM) < 1.1
     assert shown.held_out.sum() == 4
     assert np.array_equal(shown.after - shown.before, np.full(20, 20))
     assert shown.names[0].endswith("_run2")

@@ -13,6 +13,7 @@ from calib.intervention.differences import differences_of
 from calib.intervention.displacements import PairDisplacements, displacements_of
 from calib.intervention.pairs import find_pairs
 from calib.intervention.proof import Intervention, interventions_of
+from calib.statistics import rms
 from tests.support.paired_cell import ARMS, compliance, draw_pairs, measured
 
 LOADS_KG = (0.0, 1.25, 2.5)
@@ -79,6 +80,6 @@ def test_the_heaviest_run_is_predicted_from_the_other_two() -> None:
     made = recorded(0)
     found = proven(under(made, (0.0, 1.25)))
     shown = predicted_by(found, under(made, (0.0, 2.5)))
-    moved_mm, off_mm = (np.sqrt(np.mean(v**2)) for v in (shown.moved_mm, shown.moved_mm - shown.explained_mm))
+    moved_mm, off_mm = (rms(v) for v in (shown.moved_mm, shown.moved_mm - shown.explained_mm))
     assert moved_mm > 4.0 * SIGMA_MM
     assert off_mm < 1.2 * np.sqrt(2.0) * SIGMA_MM  # the noise of two points

@@ -14,7 +14,7 @@ from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot
 from calib.effects.gravity import GravityLoads
 from calib.errors import DatasetError
 from calib.frames import rotation_from_rpy, rpy_from_rotation
-from calib.kinematics.chain import forward, point_jacobian
+from calib.kinematics.chain import forward, nominal_chain, point_jacobian
 from calib.kinematics.robot import Base, Robot
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.mechanism import Arm
@@ -52,10 +52,10 @@ def test_roll_pitch_yaw_turn_about_fixed_axes_and_come_back(pitch: float) -> Non
 def test_every_frame_starts_from_the_base() -> None:
     robot, plain = on_base(), builtin_robot("rb5")
     q = np.random.default_rng(0).uniform(-2, 2, (5, robot.n_joints))
-    frames = forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame
+    frames = nominal_chain(robot, q).base_T_frame
     without = forward(plain.table, q, plain.is_revolute).base_T_frame
     assert frames == pytest.approx(BASE.transform @ without, abs=1e-10)
-    assert forward(plain.table, q, plain.is_revolute, plain.base_T_first).base_T_frame.tolist() == without.tolist()
+    assert nominal_chain(plain, q).base_T_frame.tolist() == without.tolist()
     truth = Arm.commanded_to(robot, q).base_T_frame
     assert np.stack(truth, axis=1) == pytest.approx(frames, abs=1e-10)
 
@@ -67,7 +67,7 @@ def test_the_jacobian_is_that_of_the_moved_arm() -> None:
     def tool(table: np.ndarray) -> np.ndarray:
         return forward(table, q, robot.is_revolute, robot.base_T_first).target_mm[0]
 
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     jacobian = point_jacobian(chain, chain.target_mm)[0]
     for row, kind in ((0, 1), (2, 3), (3, 0), (4, 4), (6, 2)):
         step = np.zeros_like(robot.table)
@@ -79,7 +79,7 @@ def test_the_jacobian_is_that_of_the_moved_arm() -> None:
 def test_gravity_is_given_in_the_base_frame() -> None:
     robot = on_base()
     q = np.random.default_rng(1).uniform(-2, 2, (4, robot.n_joints))
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     model = mujoco_model(robot)
     for torques, values in zip(GravityLoads(robot, chain, None).joint_torques, q, strict=True):
         data = in_mujoco(model, robot, values)

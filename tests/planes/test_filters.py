@@ -16,6 +16,7 @@ from calib.planes.filters import (
     triangle_normals,
     walk_for,
 )
+from calib.statistics import rms_length
 
 UP = np.array([0.0, 0.0, 1.0])
 SQUARE = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0], [4, 4, 0]])  # each point 2.83 from the centroid
@@ -104,7 +105,7 @@ def test_a_longer_walk_strays_as_far_as_it_should(distance: float) -> None:
     at = np.full(4000, middle)
     for _ in range(steps):
         at = neighbours[at, rng.integers(20, size=len(at))]
-    assert np.sqrt(np.mean(np.sum(points[at] ** 2, axis=1))) == pytest.approx(distance, rel=0.15)
+    assert rms_length(points[at]) == pytest.approx(distance, rel=0.15)
 
 
 def test_the_same_generator_draws_the_same_sets() -> None:

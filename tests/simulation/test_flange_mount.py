@@ -22,6 +22,7 @@ from calib.simulation.carried_scanner import poses_with_jig_in_view
 from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import Truth, base_T_target
+from calib.statistics import rms_length
 from calib.workcell.known_cell import workcell_of_dataset
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
 
@@ -66,7 +67,7 @@ def test_corrected_targets_bring_the_real_arm_where_the_nominal_one_would_be() -
         for _ in range(60):
             base = _mean(nominal @ np.linalg.inv(reached @ tool))
             tool = _mean(np.linalg.inv(reached) @ np.linalg.inv(base) @ nominal)
-        off.append(float(np.sqrt(np.mean(np.sum((base @ reached @ tool - nominal)[:, :3, 3] ** 2, axis=1)))))
+        off.append(rms_length((base @ reached @ tool - nominal)[:, :3, 3]))
     assert off[1] < 0.05 * off[0]
 
 

@@ -35,6 +35,7 @@ from calib.simulation.truth.equilibrium import Truth, scanner_T_target, solve_eq
 from calib.simulation.truth.joint_effects import JointScale
 from calib.simulation.truth.load_effects import JointCompliance
 from calib.simulation.truth.mechanism import Conditions
+from calib.statistics import rms, rms_length
 from calib.workcell.scan_field import JANG_FIELD
 
 ARMS = ("rb5", "panda")
@@ -122,7 +123,7 @@ def test_drawn_compliance_sags_visibly(arm: str) -> None:
     rigid, (effect,) = truth.with_effects(), truth.effects
     assert isinstance(effect, JointCompliance)
     sag_mm = np.linalg.norm(simulation.apex_mm - scanner_T_target(rigid, q)[:, :3, 3], axis=1)
-    assert 0.15 < np.sqrt(np.mean(sag_mm**2)) < 0.6
+    assert 0.15 < rms(sag_mm) < 0.6
     assert np.all(effect.c_rad_per_nm < 2e-4)
     down_mm = (simulation.apex_mm - scanner_T_target(rigid, q)[:, :3, 3]) @ truth.base_T_scanner[:3, :3].T
     assert np.mean(down_mm[:, 2] < 0) > 0.75  # a joint that yields may lift what lies behind its axis
@@ -173,7 +174,7 @@ def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
     truth, poses = simulation.truth, simulation.dataset.poses
     assert truth.effect_names == (effect,)
     plain = scanner_T_target(truth.with_effects(), poses.q, Conditions.of(poses))[:, :3, 3]
-    moved_mm = np.sqrt(np.mean(np.sum((simulation.apex_mm - plain) ** 2, axis=1)))
+    moved_mm = rms_length(simulation.apex_mm - plain)
     assert 0.2 <= moved_mm <= 0.5
     kind = SIMULATED[effect]
     assert (poses.time_s is not None) == kind.needs_conditions

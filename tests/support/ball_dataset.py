@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot, Target
 from calib.scans.scan import Scan, write_scan
 from calib.simulation.simulate import simulate_dataset
@@ -21,7 +21,7 @@ from tests.support.sphere_scene import Ball, scan_of
 
 def places_of(robot: Robot, q: NDArray, offsets: Mapping[str, NDArray]) -> dict[str, NDArray]:
     """(N, 3) in the base frame of points on the last link, the tool's own among them."""
-    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q)
     flange = chain.base_T_flange
     out = {name: flange[:, :3, :3] @ xyz + flange[:, :3, 3] for name, xyz in offsets.items()}
     return {"jig": chain.target_mm, **out}

@@ -11,6 +11,7 @@ from calib import calibrate
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.intervention.proof import Proof, interventions_of
+from calib.statistics import rms
 from tests.support.engine.arms import RB5, UR10E, ArmTable
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cause import Cause
@@ -124,7 +125,7 @@ def difference_mm(cell: Cell, causes: Sequence[tuple[Cause, float]]) -> Array:
 
 def size_of(cell: Cell, cause: Cause, rms_mm: float) -> float:
     """Size at which a cause's differences have a root mean square a coordinate."""
-    return rms_mm / float(np.sqrt(np.mean(difference_mm(cell, [(cause, 1.0)]) ** 2)))
+    return rms_mm / rms(difference_mm(cell, [(cause, 1.0)]))
 
 
 def measured(

@@ -11,6 +11,7 @@ from calib import calibrate
 from calib.dataset.files.folder import load_dataset
 from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import target_points
+from calib.statistics import rms
 from inspector.cli.parser import main
 from tests.support.recorded_run import robot_toml, tool_mm
 
@@ -52,4 +53,4 @@ def require_import(form: Form, folder: Path) -> None:
     assert len(dataset.poses) >= 0.9 * len(Q)
     held_out = np.random.default_rng(9).uniform(LOW, HIGH, (200, 6))
     mine, true = target_points(calibrate(dataset).robot, held_out), tool_mm(held_out)
-    assert np.sqrt(np.mean((apply(best_fit_transform(mine, true), mine) - true) ** 2)) < 0.05
+    assert rms(apply(best_fit_transform(mine, true), mine) - true) < 0.05

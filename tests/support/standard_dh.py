@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 
 
 def tips(robot: Robot, q: np.ndarray) -> np.ndarray:
     """Tip transforms (N, 4, 4) of a robot."""
-    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    return nominal_chain(robot, q).base_T_frame[:, -1]
 
 
 def joints_at_random(count: int, n: int) -> np.ndarray:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.statistics import rms_length
+
 UR_LIKE = (
     ("0 0 0.1807", "0 0 0", "0 0 1"),
     ("0 0 0", "1.570796327 0 0", "0 0 1"),
@@ -224,7 +226,7 @@ def held_out_mm(arm: Arm, seen: Measured, ball_mm: np.ndarray | None = None) -> 
     at_mm = (frames @ np.append(ball_mm, 1.0))[:, :3]
     tracker = rigid(at_mm[train], seen.points_mm[train])
     off = at_mm @ tracker[:3, :3].T + tracker[:3, 3] - seen.points_mm
-    return float(np.sqrt(np.mean(np.sum(off[seen.is_test] ** 2, axis=1))))
+    return rms_length(off[seen.is_test])
 
 
 def tip_off(arm: Arm, seen: Measured) -> tuple[float, float]:

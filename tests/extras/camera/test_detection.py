@@ -12,6 +12,7 @@ from PIL import Image
 from calib.errors import CalibError
 from calib.extras.camera.board import Board, board_of
 from calib.extras.camera.detection import detect
+from calib.statistics import rms
 from tests.support.camera_scene import Scene, charuco_drawing, checkerboard_drawing, marker_drawing, with_margin
 
 MARGIN_MM = 10.0
@@ -62,7 +63,7 @@ def test_corners_lie_where_they_are_in_sharp_and_soft_images(text, blur_px, tmp_
     board, scene, files = images_of(text, tmp_path, count=4, blur_px=blur_px)
     errors = errors_px(board, scene, files)
     assert len(errors) >= 3
-    assert np.median([np.sqrt(np.mean(off**2)) for off in errors]) < 0.06
+    assert np.median([rms(off) for off in errors]) < 0.06
     if board.kind == "checkerboard":
         assert np.std([off.mean(axis=0) for off in errors]) < 0.008
 

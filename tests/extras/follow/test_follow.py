@@ -25,7 +25,7 @@ from calib.extras.follow.follower import PATIENCE_S, CampaignFollower, News
 from calib.extras.follow.judgement import PoseJudgement, turn_to_see
 from calib.extras.follow.present.campaign import campaign_head, judgement_document
 from calib.frames import best_fit_transform, rotation_from_rotvec
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.robot import Robot
 from calib.rendering.text import block_text
 from calib.simulation.simulate import simulate_dataset
@@ -62,7 +62,7 @@ def with_moved(dataset: Dataset, since: int, what: str) -> Dataset:
 
 
 def chain_of(robot: Robot, dataset: Dataset) -> Chain:
-    return forward(robot.table, dataset.poses.q, robot.is_revolute, robot.base_T_first)
+    return nominal_chain(robot, dataset.poses.q)
 
 
 def instrument_R_base(dataset: Dataset) -> Array:

@@ -26,6 +26,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.user_files import BOTH, JOINTS, POINTS, look_through
 from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import target_points
+from calib.statistics import rms, rms_length
 from inspector.cli.parser import main
 from tests.support.recorded_run import NAMES, Run, recorded_run, robot_toml, tool_mm
 
@@ -567,7 +568,7 @@ def test_the_stops_of_a_recording_are_its_poses(
     assert len(set(stops)) == len(stops) >= (15 if form == "mcap cut off" else 17)
     assert np.abs(made.poses.q - run.stops_q[stops]).max() < 2e-5  # of 50 joint states a stop with 2e-5 rad each
     off = made.points.xyz_mm - run.stops_mm[stops][made.points.pose]
-    assert np.sqrt(np.mean(off**2)) < 0.025  # a mean of some 60 points of 0.05 mm, 6 of which tell as much as one
+    assert rms(off) < 0.025  # a mean of some 60 points of 0.05 mm, 6 of which tell as much as one
     assert made.poses.approach is None or (made.poses.approach == run.sides[stops]).all()
     assert made.poses.time_s is not None
     assert (np.diff(made.poses.time_s) > 0.0).all()
@@ -613,14 +614,14 @@ def test_from_the_bag_to_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture
     q = np.random.default_rng(1).uniform(-1.5, 1.5, (300, 6))
     mine, true = target_points(fitted, q), tool_mm(q)
     assert (
-        rms(apply(best_fit_transform(target_points(dataset.robot, q), true), target_points(dataset.robot, q)) - true)
+        rms_length(
+            apply(best_fit_transform(target_points(dataset.robot, q), true), target_points(dataset.robot, q)) - true
+        )
         > 1.0
     )
-    assert rms(apply(best_fit_transform(mine, true), mine) - true) < 0.03  # means of 0.01 mm, 40 stops, 26 parameters
-
-
-def rms(off: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+    assert (
+        rms_length(apply(best_fit_transform(mine, true), mine) - true) < 0.03
+    )  # means of 0.01 mm, 40 stops, 26 parameters
 
 
 def test_a_clock_of_its_own_is_found_over_the_whole_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

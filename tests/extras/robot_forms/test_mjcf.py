@@ -13,7 +13,7 @@ import pytest
 
 from calib.effects.gravity import GravityLoads
 from calib.extras.robot_forms import mjcf
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from inspector.cli.parser import main
@@ -61,7 +61,7 @@ def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     q = np.random.default_rng(0).uniform(-1, 1, (50, 4))
-    chain = forward(robot.table, q * [1, 1, 1e3, 1], robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, q * [1, 1, 1e3, 1])
     torques = GravityLoads(robot, chain, None).joint_torques
     for values, mine, torque in zip(q, chain.base_T_frame[:, -1], torques, strict=True):
         data.qpos[:] = values

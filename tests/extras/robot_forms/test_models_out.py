@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.kinematics.chain import forward, target_points
+from calib.kinematics.chain import nominal_chain, target_points
 from calib.kinematics.robot import Robot, Target
 from calib.robot_formats.robots import load_robot, save_robot
 from tests.support.arms import random_arm
@@ -31,7 +31,7 @@ def joints(robot: Robot, count: int = 40) -> NDArray:
 
 def tips(robot: Robot, q: NDArray) -> NDArray:
     """Poses (N, 4, 4) of the tip, m."""
-    out = forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1].copy()
+    out = nominal_chain(robot, q).base_T_frame[:, -1].copy()
     out[:, :3, 3] /= 1e3
     return out
 

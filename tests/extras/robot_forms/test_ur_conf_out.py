@@ -10,6 +10,7 @@ import pytest
 
 from calib.extras.robot_forms.ur_calibration import chain_of_standard, nominal_rows, table_of_chain
 from calib.robot_formats.robot_file import ReadOptions, read_robot
+from calib.statistics import rms_length
 from inspector.cli.parser import main
 from tests.support.robot_texts import conf_of
 from tests.support.standard_dh import exactly
@@ -92,4 +93,4 @@ def misfit(true: np.ndarray, frames: np.ndarray) -> float:
         return (Rotation.from_rotvec(x[3:6]).apply(placed) + x[6:] - true[:, :3]).ravel()
 
     found = least_squares(error, np.zeros(9), x_scale=[1, 1, 1, 1e-3, 1e-3, 1e-3, 1, 1, 1])
-    return float(np.sqrt(np.mean(np.sum(found.fun.reshape(-1, 3) ** 2, axis=1))))
+    return rms_length(found.fun.reshape(-1, 3))

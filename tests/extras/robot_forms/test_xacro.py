@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.extras.robot_forms import xacro_files
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
@@ -61,7 +61,7 @@ def arm(tmp_path: Path) -> Path:
 
 def tips(robot: Robot) -> np.ndarray:
     q = np.random.default_rng(0).uniform(-2, 2, (20, robot.n_joints))
-    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    return nominal_chain(robot, q).base_T_frame[:, -1]
 
 
 def run(path: Path, packages: dict[str, Path] | None = None, **arguments: str) -> Robot:

@@ -19,6 +19,7 @@ from calib.extras.watch.present.changes import series_sentence, time_left_senten
 from calib.extras.watch.series import watch_series
 from calib.extras.watch.watch import watch
 from calib.extras.watch.watched_cell import watched_cell
+from calib.statistics import rms_length
 from tests.support.checked_cell import Cell
 
 pytest.importorskip("mujoco")
@@ -58,7 +59,7 @@ def test_a_drift_too_small_for_each_check_is_named_by_all() -> None:
     assert found.named is not None
     assert found.named < CHECKS
     # The truth: the day on which the arm's own motion at the check poses reaches the tolerance.
-    per_day_mm = np.sqrt(np.mean(np.sum((drifting(0.0015)(cell, 1).seen_mm(q) - cell.seen_mm(q)) ** 2, axis=1)))
+    per_day_mm = rms_length(drifting(0.0015)(cell, 1).seen_mm(q) - cell.seen_mm(q))
     left = found.time_left
     assert left is not None
     assert left.earliest is not None

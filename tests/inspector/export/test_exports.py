@@ -29,6 +29,7 @@ from calib.models.exported_table import exported_table
 from calib.models.model_file import load_model
 from calib.robot_formats.robots import load_robot, save_robot
 from calib.simulation.simulate import simulate_dataset
+from calib.statistics import rms
 from inspector.app.app import App
 from inspector.cli.parser import main
 from inspector.export import csv_and_png as exports
@@ -88,7 +89,7 @@ def test_residuals_have_a_row_a_pose_and_give_the_figures_of_the_fit(dataset: Da
         (fitted.after.train, table["role"] != "test"),
     ):
         assert of is not None
-        assert np.sqrt(np.mean(table["error_mm"][rows] ** 2)) == pytest.approx(of.rmse_mm, rel=1e-9)
+        assert rms(table["error_mm"][rows]) == pytest.approx(of.rmse_mm, rel=1e-9)
         assert table["error_mm"][rows].max() == pytest.approx(of.max_mm, rel=1e-9)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.gravity import GravityLoads
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Base, Robot
 from calib.robot_formats.chain.calibrated_origins import with_calibration
 from calib.robot_formats.chain.five_parameters import chain_of, robot_of
@@ -18,7 +18,7 @@ from tests.support.chains import chains, transform
 
 
 def tip_of(robot: Robot, q: np.ndarray) -> np.ndarray:
-    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    return nominal_chain(robot, q).base_T_frame[:, -1]
 
 
 def assert_same(one: np.ndarray, other: np.ndarray) -> None:
@@ -56,7 +56,7 @@ def test_any_table_becomes_a_chain_and_a_table_again(count: int) -> None:
 def test_masses_hang_where_they_hung() -> None:
     for chain, q in chains(30, seed=2):
         robot = robot_of(chain)
-        frames = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+        frames = nominal_chain(robot, q)
         places = chain_frames(chain, q)
         for k, (joint, of_chain) in enumerate(zip(robot.joints, chain.joints, strict=True)):
             assert joint.mass_kg == of_chain.mass_kg
@@ -64,10 +64,7 @@ def test_masses_hang_where_they_hung() -> None:
             theirs = places[:, k] @ [*of_chain.com_mm, 1.0]  # type: ignore[misc]
             assert mine == pytest.approx(theirs, abs=1e-9)
         again = robot_of(chain_of(robot))
-        torques = [
-            GravityLoads(r, forward(r.table, q, r.is_revolute, r.base_T_first), None).joint_torques
-            for r in (robot, again)
-        ]
+        torques = [GravityLoads(r, nominal_chain(r, q), None).joint_torques for r in (robot, again)]
         assert torques[0] == pytest.approx(torques[1], abs=1e-9)
 
 
@@ -98,7 +95,7 @@ def test_frames_without_a_common_normal_stand_near_the_points_that_are_given() -
     for chain, q in chains(30, seed=3):
         near = chain.at_zero[1:-1, :3, 3] + 5.0
         robot = robot_of(chain, list(near))
-        frames = forward(robot.table, np.zeros_like(q), robot.is_revolute, robot.base_T_first).base_T_frame[0]
+        frames = nominal_chain(robot, np.zeros_like(q)).base_T_frame[0]
         off_mm = np.linalg.norm(frames[1:-2, :3, 3] - near, axis=1)
         steep = np.linalg.norm(np.cross(frames[:-3, :3, 2], frames[1:-2, :3, 2]), axis=1) > np.sqrt(0.5)
         assert off_mm[~steep].max(initial=0.0) < np.sqrt(75) + 1e-9

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.robot_toml import load_robot_toml, robot_to_toml
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import read_robot
@@ -64,7 +64,7 @@ def test_followers_are_coupled_and_their_offsets_go_into_the_table(tmp_path: Pat
     commanded = np.zeros((100, 5))
     commanded[:, 0], commanded[:, 2] = 1e3 * q[:, 0], q[:, 1]
     joints = robot.joints_of(commanded)
-    mine = forward(robot.table, joints, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    mine = nominal_chain(robot, joints).base_T_frame[:, -1]
     theirs = by_mujoco(q)
     assert np.abs(mine[:, :3, 3] - theirs[:, :3, 3]).max() < 1e-9
     assert np.abs(mine[:, :3, :3] - theirs[:, :3, :3]).max() < 1e-12
@@ -85,9 +85,7 @@ def test_a_coupled_arm_goes_back_into_its_file(tmp_path: Path) -> None:
     (tmp_path / "again.urdf").write_bytes(written.content)
     again = read_robot(tmp_path / "again.urdf").robot
     q = np.random.default_rng(1).uniform(-1, 1, (20, 5)) * [300, 300, 1, 1, 1]
-    places = [
-        forward(r.table, r.joints_of(q), r.is_revolute, r.base_T_first).base_T_frame[:, -1] for r in (calibrated, again)
-    ]
+    places = [nominal_chain(r, r.joints_of(q)).base_T_frame[:, -1] for r in (calibrated, again)]
     assert np.abs(places[0] - places[1]).max() < 1e-9
 
 

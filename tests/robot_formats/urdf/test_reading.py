@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.effects.gravity import GravityLoads
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from tests.support.chains import joint, link, shoulder_arm, urdf_of
@@ -45,7 +45,7 @@ def test_places_and_torques_are_those_of_mujoco(tmp_path: Path) -> None:
         data = mujoco().MjData(model)
         data.qpos[:] = np.where(robot.is_revolute, q, q / 1e3)
         mujoco().mj_forward(model, data)
-        chain = forward(robot.table, q[None], robot.is_revolute, robot.base_T_first)
+        chain = nominal_chain(robot, q[None])
         assert np.abs(chain.target_mm[0] - 1e3 * data.xpos[tip]).max() < 1e-9
         assert np.abs(chain.base_T_frame[0, -1, :3, :3] - data.xmat[tip].reshape(3, 3)).max() < 1e-12
         assert np.abs(GravityLoads(robot, chain, None).joint_torques[0] + data.qfrc_bias).max() < 1e-9
@@ -55,9 +55,7 @@ def test_what_hangs_on_a_base_in_the_middle_of_the_file(tmp_path: Path) -> None:
     path = written(tmp_path, shoulder_arm())
     whole, part = (read_robot(path, ReadOptions(tip="tool0", base=base)).robot for base in (None, "base_link"))
     q = np.random.default_rng(1).uniform(-1, 1, (5, 5))
-    loads = [
-        GravityLoads(r, forward(r.table, q, r.is_revolute, r.base_T_first), None).joint_torques for r in (whole, part)
-    ]
+    loads = [GravityLoads(r, nominal_chain(r, q), None).joint_torques for r in (whole, part)]
     assert loads[0] == pytest.approx(loads[1], abs=1e-9)
     assert part.gravity_m_s2 != whole.gravity_m_s2
     late = read_robot(path, ReadOptions(tip="tool0", base="shoulder"))
@@ -96,7 +94,7 @@ def test_the_default_axis_is_x(tmp_path: Path) -> None:
         joint("j", "a", "b", axis=None) + joint("f", "b", "c", "0 1 0", type="fixed"),
     )
     robot = read_robot(written(tmp_path, text)).robot
-    chain = forward(robot.table, [[math.pi / 2]], robot.is_revolute, robot.base_T_first)
+    chain = nominal_chain(robot, [[math.pi / 2]])
     assert chain.target_mm[0] == pytest.approx([0, 0, 1000], abs=1e-9)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
 from calib.effects.gravity import GravityLoads
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.robot_formats.chain.five_parameters import chain_of
@@ -25,7 +25,7 @@ AB = link("a") + link("b") + link("c")
 
 def tips(robot: Robot, seed: int = 0) -> np.ndarray:
     q = np.random.default_rng(seed).uniform(-2, 2, (20, robot.n_joints)) * np.where(robot.is_revolute, 1.0, 200.0)
-    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    return nominal_chain(robot, q).base_T_frame[:, -1]
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ def test_a_plain_urdf_of_any_robot_reads_as_the_same_robot(tmp_path: Path) -> No
 def test_any_chain_goes_through_a_plain_urdf(tmp_path: Path) -> None:
     for chain, q in chains(60, seed=8):
         found = read_back(tmp_path / "plain.urdf", plain_urdf(chain))
-        mine = forward(found.table, q, found.is_revolute, found.base_T_first).base_T_frame[:, -1]
+        mine = nominal_chain(found, q).base_T_frame[:, -1]
         assert np.abs(mine - chain_frames(chain, q)[:, -1]).max() < 1e-9
 
 
@@ -134,10 +134,7 @@ def test_a_base_that_leans_hangs_on_a_world(tmp_path: Path, gravity: tuple[float
     q = np.random.default_rng(0).uniform(-2, 2, (5, 6))
     whole, part = read_robot(path).robot, read_robot(path, ReadOptions(base="base_link")).robot
     assert part.gravity_m_s2 == pytest.approx(robot.gravity_m_s2, abs=1e-12)
-    loads = [
-        GravityLoads(r, forward(r.table, q, r.is_revolute, r.base_T_first), None).joint_torques
-        for r in (robot, whole, part)
-    ]
+    loads = [GravityLoads(r, nominal_chain(r, q), None).joint_torques for r in (robot, whole, part)]
     assert loads[1] == pytest.approx(loads[0], abs=1e-9)
     assert loads[2] == pytest.approx(loads[0], abs=1e-9)
 

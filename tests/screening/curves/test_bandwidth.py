@@ -9,7 +9,7 @@ import numpy as np
 from calib import calibrate, frames
 from calib.dataset.dataset import Dataset, Scanner
 from calib.diagnosis.effect_selection import calibrate_with, selected_curves
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import CurveModes
 from calib.simulation.simulate import simulate_dataset
@@ -27,7 +27,7 @@ def dense_waves(seed: int, poses: int = 100, test: int = 40) -> Dataset:
     for joint in range(robot.n_joints):
         for order in rng.integers(100, 201, 3):
             error[:, joint] += 2e-4 * np.sin(order * q[:, joint] + rng.uniform(0.0, 2.0 * np.pi))
-    base_mm = forward(robot.table, q + error, robot.is_revolute, robot.base_T_first).target_mm
+    base_mm = nominal_chain(robot, q + error).target_mm
     seen_mm = frames.apply(frames.make_transform(np.eye(3), [1000.0, 0.0, 500.0]), base_mm)
     assert dataset.points is not None
     points = replace(dataset.points, xyz_mm=seen_mm + rng.normal(scale=NOISE_MM, size=seen_mm.shape))

@@ -41,6 +41,7 @@ from calib.screening.curves.smooth_joint_error import (
     input_values,
 )
 from calib.screening.projected_residual import project_residual
+from calib.statistics import rms
 from tests.support.engine.cases import Case, Simulated, simulate
 from tests.support.engine.law_causes import FORMS
 
@@ -204,7 +205,7 @@ def test_a_wave_that_grows_with_the_load_is_told_with_its_size(rippled: tuple[Si
     assert (law.kind, law.joint, law.waves_per_turn) == (LOAD_BY_ANGLE, joint + 1, (28,))
     (curve,) = fitted_curves(found.calibration)
     train = ~simulated.dataset.poses.is_test
-    assert curve.rms == pytest.approx(np.sqrt(np.mean(moved[train] ** 2)), rel=0.05)
+    assert curve.rms == pytest.approx(rms(moved[train]), rel=0.05)
     assert law.low < law.size < law.high < law.bound
     test = law.refuted_by
     assert test.sweep is not None

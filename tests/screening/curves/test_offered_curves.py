@@ -24,6 +24,7 @@ from calib.present.fit.curves import curve_blocks
 from calib.rendering.blocks import plain
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.statistics import rms
 from inspector.cli.parser import main
 from inspector.session import measuring
 from inspector.session import transitions as sessions
@@ -137,7 +138,7 @@ def test_a_fitted_curve_is_the_effect_at_the_measured_poses(fitted: Calibration,
     np.testing.assert_array_equal(curve.measured, np.sort(measured))
     at = np.interp(measured, curve.u, curve.value)
     np.testing.assert_allclose(at, moved, atol=3e-2 * np.abs(moved).max())  # between lines of a fine wave
-    assert curve.rms == pytest.approx(np.sqrt(np.mean(moved**2)), rel=1e-6)
+    assert curve.rms == pytest.approx(rms(moved), rel=1e-6)
     place, value = curve.largest
     assert abs(value) == np.abs(curve.value[curve.inside]).max()
     assert curve.measured[0] <= place <= curve.measured[-1]

@@ -10,7 +10,7 @@ import pytest
 
 from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.origin_yaml import plain_yaml
 from calib.robot_formats.robot_file import read_robot
@@ -45,7 +45,7 @@ def test_the_written_file_is_the_exported_table_and_tells_what_it_leaves_out(
     assert "no origin holds joint_compliance" in document["urdf"]["notes"][0]
     table, written = load_robot_toml(toml), read_robot(out).robot
     q = np.random.default_rng(0).uniform(-2, 2, (50, 6))
-    places = [forward(r.table, q, r.is_revolute, r.base_T_first).base_T_frame[:, -1] for r in (table, written)]
+    places = [nominal_chain(r, q).base_T_frame[:, -1] for r in (table, written)]
     assert np.abs(places[0] - places[1]).max() < 1e-9
     before, after = (cell / "arm.urdf").read_text().splitlines(), out.read_text().splitlines()
     assert [line for line in before if "<origin" not in line] == [

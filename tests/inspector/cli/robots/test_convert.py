@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.robot_toml import load_robot_toml
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import nominal_chain
 from inspector.cli.parser import main
 from tests.support.chains import shoulder_arm
 
@@ -43,7 +43,7 @@ def test_a_plain_urdf_is_the_same_arm(urdf: Path, tmp_path: Path, capsys: pytest
     assert document["largest_difference_mm"] < 1e-9
     one, other = load_robot_toml(toml), load_robot_toml(again)
     q = np.random.default_rng(0).uniform(-1, 1, (5, 5))
-    places = [forward(r.table, q, r.is_revolute, r.base_T_first).base_T_frame[:, -1] for r in (one, other)]
+    places = [nominal_chain(r, q).base_T_frame[:, -1] for r in (one, other)]
     assert np.abs(places[0] - places[1]).max() < 1e-9
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.statistics import rms_length
 from inspector.cli.parser import main
 from tests.support import unknown_ball
 from tests.support.unknown_ball import Measured
@@ -126,4 +127,4 @@ def _off_mm(seen: Measured, wanted: np.ndarray, commanded: np.ndarray) -> float:
     stands = np.array([seen.true.tip_at(q)[:3, 3] for q in commanded])
     base = unknown_ball.rigid(stands, meant)
     off = stands @ base[:3, :3].T + base[:3, 3] - meant
-    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+    return rms_length(off)
