@@ -88,13 +88,13 @@ def residual_against(
     return select(fig, selected)
 
 
-def _of_poses(ids: Sequence[str], rows: IndexArray) -> dict[str, Any]:
+def _of_poses(ids: Sequence[str], rows: IndexArray) -> Part:
     """Trace keys with which hovering names a point's pose and a click selects it."""
     names = [escape(ids[i]) for i in rows]
     return {"customdata": names, "ids": names, "meta": SELECTS_POSE}
 
 
-def _line(x: Array, y: Array) -> dict[str, Any]:
+def _line(x: Array, y: Array) -> Part:
     known = np.isfinite(x)
     lone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
     return {

@@ -91,8 +91,8 @@ def _key(traces: Sequence[Part], *axes: Part) -> str:
 def figure(
     traces: Sequence[Part],
     *,
-    xaxis: dict[str, Any],
-    yaxis: dict[str, Any],
+    xaxis: Part,
+    yaxis: Part,
     margin: tuple[int, int, int, int] = (56, 12, 30, 42),
     layout: Mapping[str, Any] | None = None,
 ) -> go.Figure:
