@@ -42,7 +42,9 @@ class PrintedPart:
 
     def stl(self) -> bytes:
         """The part as binary STL, mm."""
-        return bytes(self.solid.export(file_type="stl"))
+        made = self.solid.export(file_type="stl")
+        assert isinstance(made, bytes)
+        return made
 
 
 def require_size(name: str, value_mm: float, least_mm: float, most_mm: float = _LARGEST_MM) -> None:

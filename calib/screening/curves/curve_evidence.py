@@ -143,11 +143,13 @@ class CurveEvidence:
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
         """Largest log evidence over all sizes and spectra, and the spectrum that attains it."""
-        from scipy.optimize import minimize  # takes a sixth of a second to load
+        from scipy.optimize import Bounds, minimize  # takes a sixth of a second to load
 
         usual = np.log(self.usual_size)
-        sizes = (usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)
-        bounds = np.array([*[sizes] * self.members, np.log(_BANDWIDTHS), np.log(_SLOPES)])
+        bounds = Bounds(
+            np.append(np.full(self.members, usual + _LEAST_LOG_SIZE), np.log([_BANDWIDTHS[0], _SLOPES[0]])),
+            np.append(np.full(self.members, usual + _MOST_LOG_SIZE), np.log([_BANDWIDTHS[1], _SLOPES[1]])),
+        )
 
         def climb(start: Array, steps: int) -> tuple[float, Array]:
             found = minimize(
