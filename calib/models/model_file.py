@@ -217,8 +217,9 @@ def _covariance(file: JsonFile, document: ModelDocument, size: int) -> Array:
     out = np.zeros((size, size))
     for i, row in enumerate(rows):
         out[i, : i + 1] = out[: i + 1, i] = row
-    possible = (out.diagonal() >= 0.0) & (out.diagonal() < LARGEST_VARIANCE)
-    sigma = np.sqrt(np.where(possible, out.diagonal(), 0.0))
+    variance = out.diagonal()
+    possible = (variance >= 0.0) & (variance < LARGEST_VARIANCE)
+    sigma = np.sqrt(np.where(possible, variance, 0.0))
     wrong = np.argwhere((np.abs(out) > 1.001 * np.outer(sigma, sigma) + 1e-12) | np.diag(~possible))
     if len(wrong):
         i, j = map(int, wrong[0])

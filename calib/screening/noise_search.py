@@ -243,8 +243,9 @@ def _along_line(gain: Callable[[float], float], shape: Callable[[float], NoiseSh
     """Noise shape with the largest gain over one number, searched within +-`most`."""
     from scipy.optimize import minimize_scalar  # takes a sixth of a second to load
 
-    line = minimize_scalar(lambda v: -gain(v), bounds=(-most, most), method="bounded", options={"xatol": 0.005 * most})
-    found = float(line.x)
+    found = minimize_scalar(
+        lambda v: -gain(v), bounds=(-most, most), method="bounded", options={"xatol": 0.005 * most}
+    ).x
     return FoundShape(shape(found), gain(found))
 
 
@@ -266,7 +267,7 @@ def _free_axes(gain: Callable[[NoiseShape], float], shape: NoiseShape) -> FoundS
         found = minimize(
             loss, at, method="L-BFGS-B", options={"maxiter": steps, "gtol": 0.05, "ftol": 0.0, "eps": 1e-6}
         )
-        at, value = found.x, -float(found.fun)
+        at, value = found.x, -found.fun
         if value < 4.0 * _PARAMETER_COST:
             break
     return FoundShape(with_axes(at), value - 4.0 * _PARAMETER_COST)

@@ -42,8 +42,7 @@ class PrintedPart:
 
     def stl(self) -> bytes:
         """The part as binary STL, mm."""
-        made = self.solid.export(file_type="stl")
-        assert isinstance(made, bytes)
+        made: bytes = self.solid.export(file_type="stl")
         return made
 
 

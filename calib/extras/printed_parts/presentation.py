@@ -52,7 +52,7 @@ def printed_part_document(part: PrintedPart, files: list[str]) -> dict[str, Any]
         "files": files,
         "bolts": part.bolts,
         "size_mm": part.solid.extents.tolist(),
-        "volume_mm3": float(part.solid.volume),
+        "volume_mm3": part.solid.volume,
         "triangles": len(part.solid.faces),
         "sizes": dict(part.sizes),
         "points": [{"name": point.name, "xyz_mm": list(point.xyz_mm)} for point in part.points],

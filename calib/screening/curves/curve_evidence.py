@@ -146,10 +146,9 @@ class CurveEvidence:
         from scipy.optimize import Bounds, minimize  # takes a sixth of a second to load
 
         usual = np.log(self.usual_size)
-        bounds = Bounds(
-            np.append(np.full(self.members, usual + _LEAST_LOG_SIZE), np.log([_BANDWIDTHS[0], _SLOPES[0]])),
-            np.append(np.full(self.members, usual + _MOST_LOG_SIZE), np.log([_BANDWIDTHS[1], _SLOPES[1]])),
-        )
+        sizes = (usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)
+        low, high = np.array([*[sizes] * self.members, np.log(_BANDWIDTHS), np.log(_SLOPES)]).T
+        bounds = Bounds(low, high)
 
         def climb(start: Array, steps: int) -> tuple[float, Array]:
             found = minimize(
