@@ -10,7 +10,6 @@ import pytest
 
 from calib import calibrate, corrected_joints, frames
 from calib.dataset.dataset import Poses
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError
 from calib.models.fitted_model import FittedModel
@@ -24,10 +23,9 @@ from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import Truth, base_T_target
 from calib.statistics import rms_length
 from calib.workcell.known_cell import workcell_of_dataset
+from tests.support.flange_mount import MADE, RB5
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
 
-RB5 = replace(builtin_robot("rb5"), carries_scanner=True)
-MADE = simulate_dataset(RB5, rng=np.random.default_rng(3), effects=["joint_compliance"], noise_mm=1e-4, poses=50)
 FITTED = calibrate(MADE.dataset, effects=effects_named(MADE.dataset, ["joint_compliance"]))
 
 

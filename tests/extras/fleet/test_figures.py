@@ -10,7 +10,7 @@ from calib.extras.fleet.result import Fleet
 from calib.extras.fleet.row import Rmse
 from inspector import figures
 from tests.extras.fleet.rows import row
-from tests.inspector.figures.results.test_figures_of_results import named, stands_alone
+from tests.support.figures import named, stands_alone
 
 
 def test_the_errors_of_a_fleet() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from calib.dataset.files.folder import write_dataset
 from inspector.cli.parser import main
-from tests.inspector.cli.test_few_joints import ends_well, few_joints
+from tests.support.few_joints import ends_well, few_joints
 
 
 def test_what_cannot_be_planned_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

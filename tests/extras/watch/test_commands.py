@@ -13,7 +13,7 @@ from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
-from tests.inspector.cli.test_few_joints import ends_well, few_joints
+from tests.support.few_joints import ends_well, few_joints
 from tests.support.sweeps import sweep
 
 COMMANDS = (("plan", "--for", "watch"), ("watch", "CELL"), ("watch", "CELL", "--scanner-moved"))

@@ -11,7 +11,8 @@ from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
 from calib.extras.watch.watch import watch
 from inspector import figures
-from tests.inspector.figures.results.test_figures_of_results import ROOT, stands_alone
+from tests.support.copies import ROOT
+from tests.support.figures import stands_alone
 
 
 def test_the_control_chart_of_a_cell() -> None:

@@ -14,7 +14,7 @@ from calib.errors import CalibError
 from calib.extras.watch.watch import watch
 from calib.simulation.measured_dataset import measure
 from calib.simulation.truth.equilibrium import Truth
-from tests.simulation.test_flange_mount import MADE, RB5
+from tests.support.flange_mount import MADE, RB5
 
 
 def _later(truth: Truth, seed: int) -> Dataset:

@@ -10,7 +10,7 @@ import pytest
 
 from calib import calibrate
 from calib.extras.watch.watch import watch
-from tests.consistency.test_data_problem import simulated, turned, with_joints, with_points
+from tests.support.wrong_sheets import simulated, turned, with_joints, with_points
 
 
 @pytest.mark.slow

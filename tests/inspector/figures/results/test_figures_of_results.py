@@ -11,7 +11,6 @@ from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 
 import calib
@@ -26,6 +25,7 @@ from calib.planning.start import start_of_dataset
 from calib.screening.curves.fitted_curves import fitted_curves
 from inspector import figures
 from inspector.figures.curve_plots import CURVE
+from tests.support.figures import luminance, named, stands_alone
 from tests.support.hidden_dataset import write_unnamed
 
 ROOT = Path(__file__).parents[4]
@@ -44,26 +44,6 @@ def found(dataset: Dataset) -> Diagnosis:
 @pytest.fixture(scope="module")
 def fit(found: Diagnosis) -> Calibration:
     return found.steps[0].calibration
-
-
-def named(figure: go.Figure, name: str) -> go.Scatter:
-    (trace,) = (trace for trace in figure.data if trace.name == name)
-    return trace
-
-
-def stands_alone(figure: go.Figure, *units: str) -> None:
-    """Title and axes are there, the units stand in the axes, and plotly takes every value."""
-    checked = go.Figure(figure.to_dict())
-    layout = checked.layout
-    assert layout.title.text
-    titles = [axis.title.text or "" for axis in (*checked.select_xaxes(), *checked.select_yaxes())]
-    for unit in units:
-        assert any(unit in title for title in titles), (unit, titles)
-    assert abs(luminance(layout.font.color) - luminance(layout.paper_bgcolor)) > 0.6
-
-
-def luminance(colour: str) -> float:
-    return float(np.mean([int(colour[k : k + 2], 16) for k in (1, 3, 5)])) / 255.0
 
 
 @pytest.mark.slow
