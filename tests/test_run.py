@@ -52,6 +52,7 @@ case "$*" in
 "-m pytest"*) exit "${PYTEST_EXIT:-0}" ;;
 esac
 """
+ALL_CORES = "-m pytest -n auto --dist loadfile --no-loadscope-reorder -m not thorough"
 
 
 @dataclass
@@ -232,12 +233,15 @@ def test_no_value_of_an_option_of_serve_is_taken_for_a_path(sandbox: Sandbox):
 def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     done, calls = sandbox.run("test")
     checks = [call for call in calls if re.match(r"-m (ruff|mypy|pytest)", call)]
-    assert checks == [
-        "-m ruff check .",
-        "-m ruff format --check .",
-        "-m mypy",
-        "-m pytest -n auto --dist loadfile --no-loadscope-reorder -m not thorough",
-    ]
+    assert checks[:3] == ["-m ruff check .", "-m ruff format --check .", "-m mypy"]
+    core, whole = checks[
+        3:
+    ]  # the first in a copy without extras: what it leaves out the second takes, and nothing else
+    assert core.startswith(f"{ALL_CORES} --ignore=")
+    assert whole.startswith(f"{ALL_CORES} tests/extras ")
+    assert whole.removeprefix(f"{ALL_CORES} ").split() == re.findall(r"--ignore=(\S+)", core)
+    copied = calls.index("-m tests.support.copies build/core")
+    assert calls.index("-m mypy") < copied < calls.index(core)
     assert done.returncode == 0
 
     done, calls = sandbox.run("test", MYPY_EXIT="2")
@@ -462,5 +466,5 @@ def test_ci_runs_the_same_tests_then_builds_pages_and_tries_what_is_built(
     failing = "PYTEST_EXIT" in fails
     called = calls.read_text().splitlines()
     tests, after = (called[-1], []) if failing else (called[-3], called[-2:])
-    assert tests.endswith("--no-loadscope-reorder -m not thorough")
+    assert tests.startswith(f"{ALL_CORES} tests/extras ")
     assert {call.partition(" -q")[0] for call in after} == (set() if failing else {"-m sphinx", "artefacts"})
