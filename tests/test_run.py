@@ -236,7 +236,7 @@ def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     assert checks[:3] == ["-m ruff check .", "-m ruff format --check .", "-m mypy"]
     core, whole = checks[
         3:
-    ]  # the first in a copy without extras: what it leaves out the second takes, and nothing else
+    ]  # in a copy without extras, and what that leaves out
     assert core.startswith(f"{ALL_CORES} --ignore=")
     assert whole.startswith(f"{ALL_CORES} tests/extras ")
     assert whole.removeprefix(f"{ALL_CORES} ").split() == re.findall(r"--ignore=(\S+)", core)
