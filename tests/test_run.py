@@ -234,9 +234,7 @@ def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     done, calls = sandbox.run("test")
     checks = [call for call in calls if re.match(r"-m (ruff|mypy|pytest)", call)]
     assert checks[:3] == ["-m ruff check .", "-m ruff format --check .", "-m mypy"]
-    core, whole = checks[
-        3:
-    ]  # in a copy without extras, and what that leaves out
+    core, whole = checks[3:]  # in a copy without extras, and what that leaves out
     assert core.startswith(f"{ALL_CORES} --ignore=")
     assert whole.startswith(f"{ALL_CORES} tests/extras ")
     assert whole.removeprefix(f"{ALL_CORES} ").split() == re.findall(r"--ignore=(\S+)", core)

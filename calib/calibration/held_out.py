@@ -13,12 +13,11 @@ from calib.calibration.promise import NEW_PLACE
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.repeats import SIGMA_DOUBT
-from calib.distributions import chi2_sf, f_sf
 from calib.effects.catalogue.order_steps import ChangePoint
 from calib.fitting.discrepancy import Discrepancy
 from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import orthonormal, whitened_motion
-from calib.statistics import covariance_root
+from calib.statistics import chi2_sf, covariance_root, f_sf
 
 BY_CHANCE = 0.001
 """p, below which the test poses are off by more than was promised."""

@@ -9,7 +9,7 @@ import numpy as np
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
-from calib.distributions import chi2_ppf
+from calib.statistics import chi2_ppf
 
 DECLARED, REPEATS, FIT = "dataset", "repeats", "fit"
 _FEWEST_DOF = 12  # degrees of freedom from which repeats give the noise

@@ -8,11 +8,11 @@ import numpy as np
 
 from calib.calibration.calibrate import fit_measured
 from calib.calibration.result import Calibration
-from calib.distributions import chi2_ppf
 from calib.effects.effect import exceeded_bound, full_name
 from calib.errors import FitError
 from calib.fitting.observations import BEST_SIGMA_MM, Observations
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS
+from calib.statistics import chi2_ppf
 
 _BY_CHANCE = 1e-6
 MAX_TOLERANCES = 30.0

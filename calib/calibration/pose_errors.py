@@ -15,7 +15,6 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.dataset.further_columns import is_number
 from calib.dataset.input_names import CONDITIONS, ORDER, PLACES, further_inputs
-from calib.distributions import chi2_ppf
 from calib.effects.gravity import loaded_joints
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
@@ -23,7 +22,7 @@ from calib.fitting.observations import Observations, linearise_points, with_scan
 from calib.frames import frames_by_name
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
-from calib.statistics import group_means, group_sums
+from calib.statistics import chi2_ppf, group_means, group_sums
 
 
 def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:

@@ -16,12 +16,11 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.signals import drive_inputs, link_angle_rad
-from calib.distributions import f_sf
 from calib.kinematics.chain import nominal_chain
 from calib.kinematics.drive import HARMONICS, knows_load, term_columns
 from calib.kinematics.robot import DriveTerm, LinkEncoder, Robot
 from calib.rendering import numbers
-from calib.statistics import rms
+from calib.statistics import f_sf, rms
 
 FEWEST_POSES = 12  # from which what lies between motor and link can be told
 MAX_P = 0.003  # of a law beside the others, times the number of laws

@@ -16,10 +16,9 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses
 from calib.dataset.further_columns import FurtherColumns, is_number
 from calib.dataset.signals import is_signal, joints_of_other_bodies, named_temperatures
-from calib.distributions import chi2_sf
 from calib.lazy_modules import pd
 from calib.rendering import numbers
-from calib.statistics import axis_variances, group_means, group_numbers, group_sums, ranks
+from calib.statistics import axis_variances, chi2_sf, group_means, group_numbers, group_sums, ranks
 
 SAME_JOINT = 1e-6  # deg, or mm of a prismatic joint: joint values that differ by less are the same
 SAME_TEMPERATURE_C = 0.2  # accuracy of a reading of the arm's temperature

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.dataset.repeats import SIGMA_DOUBT
-from calib.distributions import chi2_sf
 from calib.fitting.tool_point import ToolShift
 from calib.rendering import numbers
 from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.statistics import chi2_sf
 
 NOISE_AGREES = 1.5  # times the noise: up to this an error may be what noise leaves, where few points tell of it
 _CHANCE = 0.01  # that noise alone leaves as much

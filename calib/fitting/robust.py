@@ -25,7 +25,6 @@ from typing import TypeVar
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.distributions import chi2_ppf, chi_median, f_sf
 from calib.fitting.fit import Fit
 from calib.fitting.noise import student_weights
 from calib.fitting.observations import Observations, weighted
@@ -33,7 +32,7 @@ from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual import Residuals
 from calib.fitting.trust_region import solve
-from calib.statistics import group_numbers, left_out_by
+from calib.statistics import chi2_ppf, chi_median, f_sf, group_numbers, left_out_by
 
 F = TypeVar("F")  # the fit of `fit_inliers`
 

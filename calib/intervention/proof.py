@@ -17,7 +17,6 @@ from calib.array_types import Array
 from calib.brief import Brief
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.distributions import f_sf
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import (
     CatalogueEffect,
@@ -37,6 +36,7 @@ from calib.intervention.pairs import APPROACH, PAYLOAD, SETUP, TARGET, TIME, Pai
 from calib.intervention.payload_sag import ToolSagUnderPayload
 from calib.kinematics.robot import Robot
 from calib.screening.evidence import FamilyColumns, evaluate_family
+from calib.statistics import f_sf
 
 MIN_LEAD = 3.5
 """Log evidence by which the best explanation without a cause has to be worse; with 3.5 one of 400 cases is wrong."""

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.distributions import f_sf, normal_cdf
+from calib.statistics import f_sf, normal_cdf
 
 SCALES = np.geomspace(1e-3, 1e4, 57)  # that are tried, of a member's coefficients over their usual scale
 GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs

@@ -19,11 +19,10 @@ from calib.brief import Brief
 from calib.calibration.noise_level import noise_of_repeats
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
-from calib.distributions import chi2_sf, f_sf
 from calib.screening.projected_residual import ProjectedResidual
 from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose
 from calib.screening.smooth_motions import JointFault, smooth_motion
-from calib.statistics import axis_sigma
+from calib.statistics import axis_sigma, chi2_sf, f_sf
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01

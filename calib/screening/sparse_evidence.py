@@ -15,8 +15,8 @@ import numpy as np
 from scipy import special
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.distributions import f_sf
 from calib.screening.evidence import GAIN, SCALES, Evidence, evidence_by_scale, most_columns, posterior, scale_penalty
+from calib.statistics import f_sf
 
 RARITY = 2.0  # log odds against each: what sets in at one pose or sits at one place is rarer than what is always there
 FEWEST_APART = 4  # poses at which two members have to differ

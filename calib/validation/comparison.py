@@ -23,12 +23,11 @@ from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.promise import misfit_inflation
 from calib.calibration.result import Calibration, times_declared_noise
-from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.kinematics.chain import nominal_chain
 from calib.presented import Presented
 from calib.screening.evidence import holm
-from calib.statistics import rms
+from calib.statistics import chi2_sf, rms
 
 ALPHA = 0.01  # family-wise significance level of a change, over all parameters
 MOST_CHANGES = 4

@@ -26,7 +26,6 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.diagnose import whole_diagnosis
 from calib.diagnosis.search_space import SearchSpace
-from calib.distributions import chi2_sf
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import Effect, Family, describe, full_name
 from calib.errors import CalibError, FitError
@@ -36,6 +35,7 @@ from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family
 from calib.screening.member_columns import visible_columns
 from calib.screening.projected_residual import project_residual
+from calib.statistics import chi2_sf
 
 CONFIRMED = 0.01
 """p-value of a cause in one recording, given the others, up to which it confirms them."""

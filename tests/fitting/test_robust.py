@@ -18,7 +18,6 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.distributions import chi2_ppf
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.observations import Observations, weighted
@@ -27,6 +26,7 @@ from calib.fitting.robust import point_norms, rows_of_points
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings, outlier_hint
 from calib.simulation.simulate import simulate_dataset
+from calib.statistics import chi2_ppf
 from inspector.cli.parser import main
 from tests.support import ROOT
 from tests.support.fit_cases import SIGMA_RAD, full_poses, seated, with_pose_covariances

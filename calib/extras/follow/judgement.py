@@ -14,7 +14,7 @@ from calib.calibration.promise import PointPromise, promise
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.distributions import chi2_ppf
+from calib.statistics import chi2_ppf
 from calib.workcell.measurable import measurable
 from calib.workcell.workcell import Workcell
 

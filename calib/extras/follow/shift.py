@@ -19,13 +19,12 @@ from calib.brief import Brief
 from calib.calibration.calibrate import fit_measured
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.distributions import f_sf
 from calib.errors import CalibError
 from calib.fitting.observations import Observations, predict_points
 from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import TOOL_POINT, Target
 from calib.options import FitOptions
-from calib.statistics import rms_length
+from calib.statistics import f_sf, rms_length
 
 SHORTEST_RUN = 4
 """Least number of poses that show a move: three place a frame, one more tests it."""

@@ -15,9 +15,9 @@ import numpy as np
 from scipy import special
 
 from calib.array_types import Array
-from calib.distributions import f_sf
 from calib.extras.watch.change_models import JIG, JOINT_ZERO, SCANNER, TOOL, ChangeModel, change_label
 from calib.extras.watch.prediction_spread import Spread
+from calib.statistics import f_sf
 from calib.validation.cell_changes import Change
 
 ALARM = 0.005  # p-value over all changes, below which something changed

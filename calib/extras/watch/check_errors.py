@@ -9,10 +9,9 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.brief import Brief
 from calib.dataset.dataset import Poses
-from calib.distributions import chi2_ppf
 from calib.extras.watch.iso9283 import Visits
 from calib.extras.watch.prediction_spread import ErrorCovariance
-from calib.statistics import rms_length
+from calib.statistics import chi2_ppf, rms_length
 
 LIMIT_SHARE = 0.9973  # share of unchanged cells that stay below the limit: three sigmas of a control chart
 

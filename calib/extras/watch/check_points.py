@@ -13,7 +13,6 @@ from calib.array_types import Array, IndexArray
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
-from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.extras.watch.change_models import ChangeModel, change_models_of_arm
 from calib.extras.watch.change_tests import ChangeTests
@@ -21,6 +20,7 @@ from calib.extras.watch.misfit import MOST_POSES, Misfit
 from calib.extras.watch.prediction_spread import Spread
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, whitener
+from calib.statistics import chi2_sf
 
 _FEWEST = 3  # check poses
 _FEWEST_DOF = 8.0  # of the noise, whatever its errors are like

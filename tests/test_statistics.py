@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from calib.distributions import chi2_ppf, chi2_sf, chi_median, f_sf
+from calib.statistics import chi2_ppf, chi2_sf, chi_median, f_sf
 
 FREEDOM = st.integers(1, 2000)
 
