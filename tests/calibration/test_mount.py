@@ -10,7 +10,6 @@ import pytest
 from calib import calibrate, frames
 from calib.calibration.mount import mounts
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.present.fit.calibration import calibration_document
 from calib.simulation.simulate import Tolerances, simulate_dataset
 
 
@@ -31,7 +30,7 @@ def test_a_mount_is_where_its_covariance_says(length_mm: float, angle_deg: float
         assert fit.holds_table == (length_mm == 0)
     assert np.mean(squared) < 12  # 6 is expected, less where links are better than their tolerances
     assert length_mm or np.mean(squared) > 2
-    (told,) = calibration_document(fit)["mounts"]
+    (told,) = fit.to_dict()["mounts"]
     np.testing.assert_allclose(told["sigma_mm"], np.sqrt(np.diag(mount.covariance))[:3])
     assert f"scanner on the flange  {mount.xyz_mm[0]:.1f}"[:26] in fit.summary().replace("−", "-")
 

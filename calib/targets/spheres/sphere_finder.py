@@ -11,11 +11,11 @@ from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.corners.intersection import packed
 from calib.errors import TargetError
+from calib.planes.flat_patches import flat_patches
 from calib.planes.normals import NEIGHBOURS, estimate_normals
 from calib.planes.point_selection import finite_rows, thin_to_voxels
 from calib.scans.scan import Scan, seeded_generator
 from calib.target_shapes import SPHERE_MM, Sphere, Spheres
-from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
 from calib.targets.spheres.candidates import SphereCandidate, sphere_candidates
 from calib.targets.spheres.cap_fit import CapFit, fit_cap

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calib.errors import TargetError
+from calib.extras.flat_targets.plane_set import find_plane_set
 from calib.target_shapes import PlaneSet
-from calib.targets.flat.plane_set import find_plane_set
 from calib.targets.protocol.finder import Wanted
 from tests.support.flat_scene import placed, set_bound_mm2, square
 

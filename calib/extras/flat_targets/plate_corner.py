@@ -17,12 +17,12 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.intersection import packed
 from calib.errors import TargetError
 from calib.lazy_modules import spatial
+from calib.planes.flat_patches import flat_patches
 from calib.planes.point_selection import finite_rows
 from calib.planes.robust_fit import PlaneFit
 from calib.scans.scan import Scan, seeded_generator
 from calib.statistics import mad_sigma
 from calib.target_shapes import Plate
-from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
 
 _MOST_PATCHES = 10

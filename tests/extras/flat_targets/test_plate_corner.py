@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.errors import TargetError
+from calib.extras.flat_targets.plate_corner import find_plate_corner
 from calib.scans.scan import Scan
 from calib.target_shapes import Plate
-from calib.targets.flat.plate_corner import find_plate_corner
 from calib.targets.protocol.finder import FoundPoint, Wanted
 from tests.support.flat_scene import FlatScan, placed
 from tests.support.scan_scene import Patch

@@ -16,11 +16,11 @@ from calib.array_types import Array
 from calib.corners.intersection import packed
 from calib.errors import TargetError
 from calib.frames import best_fit_rotation, rotation_from_rotvec
+from calib.planes.flat_patches import flat_patches
 from calib.planes.point_selection import finite_rows
 from calib.planes.robust_fit import PlaneFit
 from calib.scans.scan import Scan
 from calib.target_shapes import PlaneSet
-from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
 
 _ALIKE = np.radians(1.0)

@@ -1,1 +1,0 @@
-"""Targets with flat surfaces: a set of planes, a plate with a corner."""
