@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,6 +17,18 @@ from tests.support.code_blocks import Block, blocks_of, difference
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "tutorials" / "write_a_plugin.md"
+
+
+def asked_for() -> set[str]:
+    """Names of the kinds that core asks for."""
+    files = (path for package in ("calib", "inspector") for path in (ROOT / package).rglob("*.py"))
+    return {name for path in files for name in re.findall(r"\bcontributions\(([A-Z]\w+)", path.read_text("utf-8"))}
+
+
+def test_the_page_lists_every_kind_that_is_asked_for() -> None:
+    listed = re.findall(r"^\| `([\w.]+)\.(\w+)` \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert {name for _, name in listed} >= asked_for() > {"RobotForm", "Tab"}
+    assert [f"{module}.{name}" for module, name in listed if not hasattr(import_module(module), name)] == []
 
 
 def installed(site: Path, folder: Path) -> None:
