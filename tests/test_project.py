@@ -60,7 +60,7 @@ def imported_at_once(path: Path) -> set[str]:
 # ---- imports --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_importing_any_calib_module_loads_nothing_heavy():
     program = f"""
 import importlib, json, pkgutil, sys

@@ -46,6 +46,7 @@ def found() -> calib.Diagnosis:
 # ---- examples -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [name for name in calib.__all__ if name != "__version__"])
 def test_examples_in_docstrings_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     value = getattr(calib, name)
@@ -199,7 +200,7 @@ def test_a_robot_is_not_written_where_the_fit_is_no_improvement(fit: calib.Calib
 # ---- representations ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_results_are_one_short_line_and_so_is_all_that_is_in_them(
     dataset: calib.Dataset, fit: calib.Calibration, found: calib.Diagnosis
 ) -> None:

@@ -256,7 +256,7 @@ def test_repeats_are_found_and_pooled() -> None:
     assert find_repeats(dataset) == ()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_data_of_another_arm_fail_the_check_whatever_the_improvement() -> None:
     dataset = simulated()
     assert dataset.points is not None

@@ -90,7 +90,7 @@ def test_what_hypotheses_predict_is_what_fits_as_was_asked_predict(dataset: Data
     assert np.linalg.norm(one - other - apart) < 0.3 * np.linalg.norm(apart)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("asked", ASKED[:3], ids=str)
 def test_an_effect_is_added_to_a_session_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
     session = with_steps(Session(dataset), [FitStep("link errors", (), calibrate(dataset, asked))])

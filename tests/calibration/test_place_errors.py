@@ -61,6 +61,7 @@ def test_the_size_of_an_arm_is_as_certain_as_the_plate_that_it_visited(tmp_path)
     assert np.sqrt(np.mean(np.square(exact))) > 3.0  # taken as exact, the plate's error is in no sigma
 
 
+@pytest.mark.thorough
 def test_errors_of_places_are_kept_with_a_model_and_told(dataset, tmp_path, capsys):
     fitted = calibrate(dataset)
     rows = {row["name"]: row for row in fitted.parameter_rows() if row["name"].startswith("places.")}

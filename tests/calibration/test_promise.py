@@ -48,7 +48,7 @@ def coverage(calibration: Calibration) -> float:
     return share
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("train", sweep([20, 50, 200], every_run=[50]))
 def test_intervals_of_90_percent_hold_90_percent_where_nothing_is_missing(train: int) -> None:
     shares = [coverage(calibrate(arm(seed, train=train))) for seed in range(24)]

@@ -59,7 +59,7 @@ SHEETS: dict[str, tuple[Callable[[Dataset], Dataset], str, str]] = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("arm", "sheet"),
     sweep(
@@ -140,7 +140,7 @@ def test_a_turned_joint_is_told_of_few_poses_in_a_narrow_range(joint: int) -> No
     assert (joint,) in shown, found.warning
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", sweep(["hidden_effect_a", "hidden_effect_c"], every_run=["hidden_effect_a"]))
 def test_a_turned_last_joint_is_no_wobbling_axis(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = load_dataset(ROOT / "sample_data" / name)
@@ -158,7 +158,7 @@ def test_a_turned_last_joint_is_no_wobbling_axis(name: str, tmp_path: Path, caps
     assert re.search(r"FAIL +data +joint 6 turns the other way", capsys.readouterr().out)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", sweep(range(4), every_run=[0, 1]))
 def test_an_arm_with_a_wobbling_last_axis_keeps_its_wobble(seed: int) -> None:
     assert diagnose(simulated("rb5", seed, poses=64, effect=("axis_wobble", 6.0))).data_problem is None

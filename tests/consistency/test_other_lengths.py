@@ -34,7 +34,7 @@ def with_origin(joint: int, *, longer_m: tuple[float, float, float] = (0, 0, 0),
     return replace(nominal, origins=tuple(origins))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_two_lengths_of_another_size_are_told_and_no_effect_is_named(tmp_path: Path) -> None:
     told = with_origin(3, longer_m=(0.0, -0.06, 0.0))
     origins = list(told.origins)

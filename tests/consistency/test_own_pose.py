@@ -64,6 +64,7 @@ def test_columns_of_the_controllers_tool_are_found() -> None:
     assert own_pose_columns(["x", "y", "z", "laser_x", "laser_y", "laser_z"]) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("zero_deg", "says"), [(NOMINAL, "agree with the robot's table"), (ZERO_DEG, "disagree by ")])
 @pytest.mark.parametrize("form", ["a table of poses", "a recording"])
 def test_import_says_whether_controller_and_table_are_one(

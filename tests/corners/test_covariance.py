@@ -192,7 +192,7 @@ def test_faces_of_hardly_known_direction_are_no_corner(monkeypatch: pytest.Monke
             corner(np.random.default_rng(1), Jig(face_angles_deg=(angle_deg, 90.0, 90.0)), told=Jig())
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_long_box_has_no_more_patches_than_its_covariance_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Faces of 42 by 126 to 204 mm once had 400 patches of a sixth of the shortest edge, and took ten times as long."""
     patches = []

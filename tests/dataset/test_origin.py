@@ -38,6 +38,7 @@ def test_model_and_session_carry_hashes_that_any_tool_computes_and_the_command(m
         assert origin.program_version
 
 
+@pytest.mark.thorough
 def test_a_report_carries_and_shows_them(made: Path) -> None:
     assert main(["report", str(made / "arm"), "--out", str(made / "r.html")]) == 0
     assert read_origin(made / "r.html").files == read_origin(made / "model.json").files

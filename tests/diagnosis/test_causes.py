@@ -40,7 +40,7 @@ def test_the_joints_the_size_and_the_pose_of_each_effect(found: Diagnosis) -> No
     assert cause_of("backlash", first, first).joints == ()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_pose_that_is_off_the_most(found: Diagnosis) -> None:
     fit = found.calibration
     errors_mm = np.linalg.norm(fit.after.error_mm, axis=1)

@@ -40,7 +40,7 @@ def with_unknown_cause(dataset: Dataset, size_mm: float = 0.3) -> Dataset:
     return dataset.with_points(replace(points, xyz_mm=points.xyz_mm + along[:, None] * np.array([1.0, 0.0, 0.0])))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_names_beside_an_unexplained_rest_are_suspected_everywhere_and_claimed_nowhere() -> None:
     found = diagnose(with_unknown_cause(simulated([("joint_compliance", 5.0)])))
     assert found.verdict == "unexplained"

@@ -129,6 +129,7 @@ def test_repeats_are_believed_whatever_else_is_left() -> None:
     assert noise["isotropic_mm"] == pytest.approx(SIGMA_MM, rel=0.15)
 
 
+@pytest.mark.thorough
 def test_a_wander_that_explains_as_much_keeps_a_drift_from_being_claimed() -> None:
     found = diagnose(odd_arm("wandering", 8))
     assert found.noise is not None

@@ -64,7 +64,7 @@ def twins() -> Dataset:
     return with_turning_error(simulated(masses=True, seed=4, tool_mm=150.0), 1.5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_exact_twin_stays_in_the_set_whatever_its_prior(twins: Dataset) -> None:
     """Once a turn of the last joint's angle is twice a turn of its axis."""
     found = diagnose(twins)
@@ -82,7 +82,7 @@ def test_an_exact_twin_stays_in_the_set_whatever_its_prior(twins: Dataset) -> No
     assert document["open_sets"][0]["effect"] == confounded.effect
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_effect_beside_twins_is_found_and_claimed() -> None:
     found = diagnose(with_turning_error(simulated(("thermal_growth", 4.0), masses=True, seed=4, tool_mm=150.0), 1.5e-3))
     assert (found.verdict, found.missing) == ("ambiguous", ("thermal_growth",))
@@ -157,7 +157,7 @@ def test_without_masses_what_follows_the_load_stays_open_and_the_error_falls(cau
     assert "To settle it, add mass_kg and com_mm" in found.summary()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_another_effect_is_claimed_beside_an_open_load() -> None:
     found = diagnose(simulated(("joint_compliance", 6.0), ("backlash", 4.0)))
     assert (found.verdict, found.missing) == ("ambiguous", ("backlash",)), found.summary()

@@ -27,6 +27,7 @@ def found() -> Diagnosis:
     return diagnose(SAMPLES / "hidden_effect_b")  # of two effects
 
 
+@pytest.mark.thorough
 def test_the_sets_sum_to_one_and_hold_the_unknown(found: Diagnosis) -> None:
     sets = found.probabilities.sets
     assert sum(one.p for one in sets) == pytest.approx(1.0)

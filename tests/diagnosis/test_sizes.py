@@ -83,7 +83,7 @@ def test_what_an_effect_explains_is_told_in_millimetres_at_the_tool() -> None:
     assert f"{numbers.length(visible)} RMS at the tool" in found.summary()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nothing_else_shows_only_where_the_test_poses_are_off_by_noise() -> None:
     dataset = simulated([("joint_compliance", 5.0)])
     assert diagnose(dataset).headline.endswith("With it nothing else shows.")

@@ -84,6 +84,7 @@ def test_a_page_that_is_as_it_was_is_not_written_again(effects: ModuleType, tmp_
     assert path.stat().st_mtime_ns == before
 
 
+@pytest.mark.thorough
 def test_what_geometry_leaves_has_no_part_that_geometry_makes(standard):
     """Against derivatives of the points by the table, differenced over the nominal arm's forward pass by matrices."""
     from tests.support.arms import elementary_points

@@ -66,6 +66,7 @@ def test_links_follow_the_temperature_with_a_lag() -> None:
     np.testing.assert_allclose(lagged(np.array([20.0, 21.0, 21.0]), time_s, 100.0), 21.0 - np.exp(-time_s / 100.0))
 
 
+@pytest.mark.thorough
 def test_friction_whose_past_no_table_has_leaves_no_pose_over() -> None:
     """The first poses of a session are not in the table: what they wound up is."""
     whole = simulate_dataset(

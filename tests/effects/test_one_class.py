@@ -95,7 +95,7 @@ def test_the_command_lists_a_class_that_is_in_the_catalogue(capsys: pytest.Captu
     }
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.usefixtures("listed")
 def test_a_class_in_the_catalogue_is_ranked_named_explained_and_on_the_page(hidden: Dataset) -> None:
     found = diagnose(hidden)

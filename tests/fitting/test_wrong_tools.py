@@ -102,7 +102,7 @@ def test_several_setups_and_further_targets_do_not_mislead() -> None:
     assert wrong.after.test.rmse_mm == pytest.approx(right_mm, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_tool_is_told_with_where_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     dataset = simulated(builtin_robot("rb5"))
     wrong = with_wrong_tool(dataset, (50.0, -60.0, 30.0))

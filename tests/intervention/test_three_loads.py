@@ -63,6 +63,7 @@ def predicted_by(found: Intervention, made: Dataset) -> PairDisplacements:
     return displacements_of(differences, explained)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
 def test_the_softness_of_joint_2_is_the_same_by_each_pair_of_loads(seed: int) -> None:
     made = recorded(seed)

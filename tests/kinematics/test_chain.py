@@ -22,7 +22,7 @@ def test_eq_3_is_the_product_of_elementary_transforms(seed: int, joints: int) ->
     np.testing.assert_allclose(kinematics.target_points(arm, q), elementary_points(arm, q), atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @given(SEEDS, st.integers(1, 6))
 def test_the_jacobian_is_the_derivative(seed: int, joints: int) -> None:
     rng = np.random.default_rng(seed)

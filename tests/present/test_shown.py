@@ -152,7 +152,7 @@ def test_the_dict_and_the_frame_of_corners_agree_and_both_are_pickled(corners: C
     assert list(again) == list(corners)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_dicts_are_strict_whatever_is_missing(
     dataset: Dataset, plan: Plan, compared: Comparison, corners: CornerBatch
 ) -> None:

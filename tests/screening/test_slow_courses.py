@@ -34,7 +34,7 @@ def test_an_effect_that_is_no_step_has_no_slow_course() -> None:
     assert slow_course(found.projected, found.candidates[0]) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_target_that_creeps_is_not_called_knocked() -> None:
     found = diagnose(simulate(Case("slow", ("creeping_tool",), 2)).dataset)
     assert found.verdict == "unexplained"

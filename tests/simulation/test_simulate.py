@@ -102,7 +102,7 @@ def test_poses_spread_farther_than_the_first_ones() -> None:
     assert closest(q[chosen]) > 1.5 * closest(q[:30])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_wanted_apexes_are_reached() -> None:
     robot = builtin_robot("rb5")
     rng = np.random.default_rng(9)

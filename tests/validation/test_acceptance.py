@@ -45,7 +45,7 @@ def finding(of: tuple[CheckItem, ...], name: str) -> CheckItem:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_test_error_of_a_multiple_of_the_training_error_is_a_warning() -> None:
     """The warning names the worst pose; where all test poses are off by more than was promised, the check fails."""
     good = finding(check(measured()).items, "test against training")
@@ -82,7 +82,7 @@ def test_no_more_than_noise_is_well_however_small_the_training_error() -> None:
     assert exact.passed
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_points_of_another_arm_fail_without_test_poses_too() -> None:
     dataset = measured()
     assert dataset.points is not None
@@ -95,7 +95,7 @@ def test_points_of_another_arm_fail_without_test_poses_too() -> None:
     assert residual.meaning == "implausible"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_to_look_at_is_a_warning_and_in_the_json(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     dataset = measured(sigma_mm=0.01)
     assert dataset.points is not None
@@ -183,7 +183,7 @@ def test_written_scans_lose_nothing(tmp_path: Path) -> None:
     assert search_file(tmp_path / "a.ply", Jig()).count == PointCount(len(scan.points_mm), 0)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_verdict_without_a_name_is_a_warning_in_capitals(tmp_path: Path) -> None:
     found = check(load_dataset(write_unnamed(tmp_path)))
     assert found.diagnosis is not None
@@ -193,7 +193,7 @@ def test_a_verdict_without_a_name_is_a_warning_in_capitals(tmp_path: Path) -> No
     assert "passed, with" in found.headline
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_open_set_is_named_where_its_reasons_are_not_shown() -> None:
     soft = simulate_dataset(
         builtin_robot("rb5"), rng=np.random.default_rng(10), effects=[("link_bending", 1.0)], poses=40

@@ -66,7 +66,7 @@ def test_points_that_are_off_all_alike_are_told_by_what_moved() -> None:
     assert max(knocked.after_mm, other_tool.after_mm) < 0.25
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_names_remounting_and_an_outlying_error_is_none() -> None:
     dataset = simulated()
     against = words_of(check(scanner_moved(dataset)), "test against training")

@@ -48,7 +48,7 @@ def errors_px(board: Board, scene: Scene, files: dict[str, Path]) -> list[np.nda
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("text", "blur_px"),
     [
@@ -68,6 +68,7 @@ def test_corners_lie_where_they_are_in_sharp_and_soft_images(text, blur_px, tmp_
         assert np.std([off.mean(axis=0) for off in errors]) < 0.008
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("given", "shown"),
     [
@@ -82,6 +83,7 @@ def test_a_board_counted_otherwise_is_told(given, shown, tmp_path):
         detect(files, board_of(given))
 
 
+@pytest.mark.thorough
 def test_images_of_another_size_or_of_none_are_left_out_with_the_reason(tmp_path):
     board, _, files = images_of("charuco:8x6:30:22", tmp_path, count=4)
     first, second, *_ = files.values()
@@ -93,6 +95,7 @@ def test_images_of_another_size_or_of_none_are_left_out_with_the_reason(tmp_path
     assert len(found.views) == 2
 
 
+@pytest.mark.thorough
 def test_a_photo_that_is_to_be_shown_turned_is_taken_as_the_sensor_saw_it(tmp_path):
     board, scene, files = images_of("charuco:8x6:30:22", tmp_path, count=2)
     name, path = next(iter(files.items()))
@@ -127,7 +130,7 @@ def test_grids_of_tags_that_are_turned_or_counted_from_the_bottom_are_seen_to_be
     assert max(np.abs(off).max() for off in errors) < 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_single_marker_is_told_from_smaller_ones_of_its_own_and_of_other_dictionaries(tmp_path):
     board, scene, files = images_of("aruco:100", tmp_path, count=3)
     for path in files.values():

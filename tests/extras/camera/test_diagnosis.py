@@ -25,6 +25,7 @@ def dataset_of(seed: int, *, on_flange: bool, poses: int = 40, **scene) -> Datas
     return simulated_dataset(drawn, BOARD, rng, sigma_px=0.1)
 
 
+@pytest.mark.thorough
 def test_images_are_fitted_as_full_poses_unless_something_else_is_asked_for():
     dataset = dataset_of(0, on_flange=True, poses=20)
     assert dataset.usual_residual == "pose"
@@ -36,7 +37,7 @@ def test_images_are_fitted_as_full_poses_unless_something_else_is_asked_for():
     assert any("share" in words for words in calibration_warnings(calibrate(dataset, residual="position")))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("on_flange", "seeds"),
     [

@@ -181,6 +181,7 @@ def test_a_frame_name_that_breaks_a_file_is_refused():
         StaticTransform('tool0" x="', "camera", np.eye(4), np.eye(6))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bend_mm", [0.0, 0.6])
 @pytest.mark.parametrize("lens", [None, true_lens()], ids=["found lens", "given lens"])
 def test_the_bend_of_a_board_is_found_and_kept(bend_mm, lens, tmp_path):

@@ -106,6 +106,7 @@ def test_samples_of_hand_eye_tools_hold_both_poses(cells, tmp_path, capsys, tool
     assert _camera_error_mm(tmp_path / "out", scene, capsys)[0] < 0.5
 
 
+@pytest.mark.thorough
 def test_poses_of_the_flange_have_no_links_to_correct(cells, tmp_path, capsys):
     scene, marker = cells[0]
     poses = scene.flanges()

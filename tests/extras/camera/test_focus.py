@@ -45,6 +45,7 @@ def squared_sigmas(scene: Scene, found: MeasuredViews) -> list[float]:
     return out
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spread", [0.0, 0.005])
 def test_a_camera_that_focuses_anew_is_told_and_its_distances_keep_to_their_sigmas(spread):
     rng = np.random.default_rng(3)

@@ -45,6 +45,7 @@ def test_poses_of_views_are_as_certain_as_their_covariances_say():
     assert np.mean(squares) == pytest.approx(6.0, abs=4.0 * np.sqrt(12.0 / len(squares)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("on_flange", [True, False])
 def test_a_camera_is_found_within_its_sigmas_and_better_than_opencv_finds_it(on_flange):
     rng = np.random.default_rng(11)

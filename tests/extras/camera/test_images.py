@@ -55,6 +55,7 @@ def test_a_copied_dataset_keeps_its_images(folder):
     assert image_path(dataset, 1) is None
 
 
+@pytest.mark.thorough
 def test_the_image_is_shown_with_arrows_of_the_model_on_show(app):
     def seen(pose: int):
         app.select(pose)

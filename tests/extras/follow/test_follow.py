@@ -120,6 +120,7 @@ def test_a_wrong_point_is_doubtful_at_once_and_good_when_it_was_measured_again()
     assert [(j.pose, j.state) for j in news] == [(name, "good")]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("what", ["instrument", "target"])
 def test_what_moved_in_the_middle_is_named_with_the_pose_and_its_size(what: str) -> None:
     since = 24
@@ -137,6 +138,7 @@ def test_what_moved_in_the_middle_is_named_with_the_pose_and_its_size(what: str)
     assert shift.first in block_text(*campaign_head(campaign))
 
 
+@pytest.mark.thorough
 def test_nothing_moves_in_a_campaign_where_nothing_moved() -> None:
     campaign = measured_in_steps(measured(), [20, *range(24, POSES + 1, 4)])
     assert campaign.shifts == ()

@@ -553,6 +553,7 @@ QUICK = ("ROS 1 bag, PointStamped", "rosbag2 sqlite3, tf", "mcap by mcap-ros2-su
          "RTDE and a tracker, clocks of their own", "LeRobot", "single points", "dates")  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", [pytest.param(f, marks=[] if f in QUICK else pytest.mark.thorough) for f in FORMS])
 def test_the_stops_of_a_recording_are_its_poses(
     form: str, run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -595,7 +596,7 @@ def points_csv(run: Run, folder: Path) -> Path:
     return write_csv(folder / "points.csv", ["time_s", "x_mm", "y_mm", "z_mm"], rows)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_from_the_bag_to_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The arm's own zeros are found from a bag whose points are late by 0.35 s, and nothing else is named."""
     run = recorded_run(np.random.default_rng(8), 40)

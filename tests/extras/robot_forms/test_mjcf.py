@@ -111,7 +111,7 @@ def test_a_mujoco_model_that_cannot_be_used_is_one_line(tmp_path: Path, old: str
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_says_nothing_of_joints_and_masses_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(model())

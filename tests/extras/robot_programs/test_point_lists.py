@@ -122,7 +122,7 @@ def test_other_arms_are_refused(robot: str, reason: str) -> None:
         require_point_list(Path("targets.mod"), arm)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_command_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_hidden(tmp_path, "cell")
     tables = []

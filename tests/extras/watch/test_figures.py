@@ -15,6 +15,7 @@ from tests.support.copies import ROOT
 from tests.support.figures import stands_alone
 
 
+@pytest.mark.thorough
 def test_the_control_chart_of_a_cell() -> None:
     dataset = load_dataset(ROOT / "sample_data" / "hidden_effect_a")
     found = diagnose(dataset)

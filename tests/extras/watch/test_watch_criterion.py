@@ -57,7 +57,7 @@ def test_planned_poses_show_each_change_at_smaller_sizes_than_random_ones(planne
     assert np.mean(gains) > 1.15
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_sizes_that_are_promised_are_found_and_named_as_often_as_promised(planned: Planned) -> None:
     cell, q, changes, chosen = planned
     rng = np.random.default_rng(5)

@@ -79,7 +79,7 @@ def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
     says(page, f"1 of {POSES}")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
     open_tab(page, "Planes")
     assert app.state.view is not None
@@ -117,7 +117,7 @@ def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
     page.mouse.click(600, 650)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app: App) -> None:
     app.select(0)  # the scan before has no corner, so no jig to lay over it
     assert app.worker.wait_idle(IDLE_S)

@@ -40,6 +40,7 @@ def test_a_bar_selects_its_pose(page: Any, app: App) -> None:
     selected(page, app, pose_id)
 
 
+@pytest.mark.thorough
 def test_a_row_of_the_parameters_selects_its_joint_everywhere(page: Any, app: App) -> None:
     open_tab(page, "Fit")
     row = page.locator('tr[data-ask="joint"][data-value="3"]:visible').first
@@ -79,6 +80,7 @@ def test_a_name_in_a_sentence_selects_its_pose_or_joint(page: Any, app: App) -> 
     joint_selected(page, app, None)
 
 
+@pytest.mark.thorough
 def test_a_cell_of_the_heatmap_selects_the_joint_of_its_row(page: Any, app: App) -> None:
     open_tab(page, "Redundancy")
     plot = page.locator(".js-plotly-plot:visible").first

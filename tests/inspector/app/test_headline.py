@@ -60,6 +60,7 @@ def test_the_next_step_is_lit_and_starts_to_find(app: App) -> None:
     assert "Looking …" in headline_html(app.state.now, Doing(finding=True, words="Looking …"))
 
 
+@pytest.mark.thorough
 def test_what_was_found_is_a_stage_and_taking_away_is_next(app: App) -> None:
     with WireClient(app.server.get_port()) as page:
         app.find(True)
@@ -84,6 +85,7 @@ def test_the_bar_divides_the_error_between_the_causes_of_the_model_on_show(app: 
     assert "headline-budget" not in headline_html(View(Session(session.dataset)), Doing())
 
 
+@pytest.mark.thorough
 def test_before_there_is_a_model_it_says_what_is_done_and_what_comes_next(app: App, tmp_path: Path) -> None:
     unfitted = Session(app.state.session.dataset)
     html = headline_html(View(unfitted), Doing())

@@ -11,6 +11,7 @@ from tests.support.app import IDLE_S
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.thorough
 def test_a_verdict_that_was_ready_is_the_one_that_would_be_found(app: App) -> None:
     before = app.state.session
     assert before.advice is not None
@@ -35,6 +36,7 @@ def test_a_verdict_that_was_ready_is_the_one_that_would_be_found(app: App) -> No
     assert app.state.session.advice is not None
 
 
+@pytest.mark.thorough
 def test_only_the_same_fit_is_judged_alike(app: App) -> None:
     session = app.state.session
     after = sessions.after_advised(session)

@@ -74,6 +74,7 @@ def test_left_out_and_taken_in_again(app: App, page: WireClient) -> None:
     assert not page.notifications
 
 
+@pytest.mark.thorough
 def test_ctrl_z_and_ctrl_y_go_through_it_and_the_key_is_off_where_it_does_nothing(app: App, page: WireClient) -> None:
     def command(label: str) -> dict:
         return next(p for p in page.commands.values() if p["label"] == label)

@@ -83,6 +83,7 @@ def opened(scanned: Path, tmp_path: Path) -> Iterator[tuple[App, Path]]:
         yield app, folder
 
 
+@pytest.mark.thorough
 def test_a_scan_that_changes_under_the_page_is_told_and_not_drawn(opened: tuple[App, Path]) -> None:
     app, folder = opened
     first, second = sorted((folder / "scans").iterdir())[:2]

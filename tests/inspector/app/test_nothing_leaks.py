@@ -117,6 +117,7 @@ def test_a_search_that_began_before_the_first_fit_is_not_the_next_datasets(app: 
     assert came == [None]
 
 
+@pytest.mark.thorough
 def test_what_was_found_is_what_is_selected(app: App, page: WireClient) -> None:
     page.set("Effect", other_effect(page))
     page.click(FIND)
@@ -160,6 +161,7 @@ def test_points_without_orientations_are_offered_no_full_poses(page: WireClient)
         assert list(page.props(label)["options"]) == ["position", "distance", "pairs"]
 
 
+@pytest.mark.thorough
 def test_measured_points_speak_of_no_scans_and_corners(page: WireClient) -> None:
     """But for the names of tabs, which serve all datasets of a folder, and the command that has such a name."""
     said = plain(page).replace("inspector corners", "")
@@ -169,6 +171,7 @@ def test_measured_points_speak_of_no_scans_and_corners(page: WireClient) -> None
         assert not page.has(label)
 
 
+@pytest.mark.thorough
 def test_the_figures_of_the_dataset_before_are_gone_at_once(app: App, page: WireClient) -> None:
     page.wait(lambda p: "as delivered" in plain(p))
     seen: list[str] = []

@@ -158,6 +158,7 @@ def test_an_effect_and_the_way_back_keep_the_full_poses(app: App, page: WireClie
 # ---- nobody waits for names that he did not ask for -----------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,6 +186,7 @@ def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
         assert gate.calls == 1
 
 
+@pytest.mark.thorough
 def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gate = Gate(monkeypatch)
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
@@ -207,6 +209,7 @@ def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pyt
 # ---- where there are no full poses ----------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder: Path) -> None:
     with idle_app(folder / "contradicted") as app, WireClient(app.server.get_port()) as page:
         first = session(app).calibration
@@ -232,6 +235,7 @@ def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder
     assert str(refusal.value) == reason
 
 
+@pytest.mark.thorough
 def test_poses_that_were_chosen_for_one_dataset_are_not_the_next_ones(folder: Path) -> None:
     with idle_app(folder) as app, WireClient(app.server.get_port()) as page:
         app.open("cell")
@@ -297,6 +301,7 @@ def test_a_session_names_what_a_fit_of_full_poses_needs_and_nothing_else(searche
     assert "found no orientation" in measuring.no_full_poses(searched)
 
 
+@pytest.mark.thorough
 def test_a_saved_fit_of_full_poses_from_scans_opens_again(searched: Session, folder: Path) -> None:
     full = sessions.with_calibration(searched, "pose")
     path = folder / "session.json"

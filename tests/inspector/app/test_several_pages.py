@@ -10,6 +10,7 @@ from tests.support.wire_client import WireClient
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.thorough
 def test_pages_say_that_they_share_what_is_shown(app: App) -> None:
     port, words = app.server.get_port(), "2 pages are open: they share what is shown."
     with WireClient(port) as one:

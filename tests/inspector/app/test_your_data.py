@@ -144,6 +144,7 @@ def test_files_come_one_by_one_and_faults_go_as_they_are_mended(app: App, given:
         page.wait(lambda p: not p.has(OPEN))
 
 
+@pytest.mark.thorough
 def test_a_column_is_corrected(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
     with WireClient(app.server.get_port()) as page:
         send(page, "log.zip", packed(given))
@@ -161,6 +162,7 @@ def test_a_column_is_corrected(app: App, given: dict[str, bytes], tmp_path: Path
         page.wait(lambda p: p.value("Dataset") == "log")
 
 
+@pytest.mark.thorough
 def test_a_ready_dataset_opens_as_it_is_and_no_name_is_taken_twice(app: App, served: Path, tmp_path: Path) -> None:
     content = packed({f"cell/{path.name}": path.read_bytes() for path in served.iterdir() if path.is_file()})
     with WireClient(app.server.get_port()) as page:
@@ -179,6 +181,7 @@ def test_a_ready_dataset_opens_as_it_is_and_no_name_is_taken_twice(app: App, ser
     assert not (tmp_path / "cell").exists()
 
 
+@pytest.mark.thorough
 def test_what_is_no_data_is_told_to_the_page_that_sent_it(app: App, tmp_path: Path) -> None:
     with WireClient(app.server.get_port()) as page, WireClient(app.server.get_port()) as other:
         send(page, "bad.zip", b"PK no zip")
@@ -304,6 +307,7 @@ def test_a_session_opens_with_the_dataset_that_it_came_with(app: App, served: Pa
         assert (app.state.name, app.state.session.uncounted) == ("cell", {"p05"})
 
 
+@pytest.mark.thorough
 def test_a_session_whose_dataset_is_not_there_says_which_it_needs(app: App, given: dict[str, bytes]) -> None:
     document = json.loads(session_text(app.state.session, beside=Path("anywhere")))
     document["dataset"] = {"name": "cell 9", "folder": "../there/nine", "files": {"dataset.toml": "0"}}

@@ -153,7 +153,7 @@ def test_tolerances_holds_and_robust_fits_by_command(capsys: pytest.CaptureFixtu
     )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_robust_fit_says_which_pose_it_left_out(
     capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path
 ) -> None:
@@ -230,7 +230,7 @@ def test_diagnose_writes_its_model_and_the_report_fits_as_asked(
     assert run_json(capsys, "validate", points_folder, *asked)["left_out"] == [pose]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_point_for_all_poses_is_no_calibration_and_is_not_written(
     capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
 ) -> None:
@@ -593,7 +593,7 @@ def test_calibrate_with_the_effect_is_the_diagnosis_step(
     assert "approach" in refused(capsys, "calibrate", hidden_folder, "--effect", "backlash")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_tells_what_is_missing_and_still_passes(capsys: pytest.CaptureFixture[str], hidden_folder: Path) -> None:
     document = run_json(capsys, "check", hidden_folder)
     assert document["diagnosis"]["missing"] == ["transmission_error"]
@@ -647,7 +647,7 @@ def test_add_is_the_diagnosis_step_to_the_last_digit(
         assert not robot.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_validate_and_correct_take_the_options_of_a_fit(
     capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
 ) -> None:
@@ -679,7 +679,7 @@ def test_effects_lists_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None
     assert "transmission_error: theta_j += A sin(n q_j)" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
 ) -> None:
@@ -719,7 +719,7 @@ def test_every_subcommand_has_the_function_that_it_names() -> None:
         assert callable(load(command.run))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_terminal_tells_angles_in_degrees_and_the_headline(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path
 ) -> None:

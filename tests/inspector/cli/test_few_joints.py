@@ -23,7 +23,7 @@ COMMANDS = (
 )  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "joints"),
     sweep(

@@ -132,6 +132,7 @@ def test_candidates_of_the_users_own_keep_their_names_and_joints(
         assert says in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_ball_among_boxes_is_right_in_a_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ["plan", "rb5", "--poses", "10", "--target", "ball", "--json"]
     assert main([*given, "--region", "300,700,-300,300,200,700", "--boxes", "400,900,-900,-450,0,900"]) == 0

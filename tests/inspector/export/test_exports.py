@@ -303,6 +303,7 @@ def test_it_goes_to_the_page_that_asked_alone(app: App) -> None:
         assert list(one.downloads) == ["img_src_x_onerror_window_pwned_1_b_p2_b_redundancy.csv"]
 
 
+@pytest.mark.thorough
 def test_a_page_that_leaves_or_sends_no_picture_does_no_harm(app: App, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("inspector.app.controllers.downloads.RENDER_S", 0.5)
     with WireClient(app.server.get_port()) as page:
@@ -345,6 +346,7 @@ def test_the_report_is_printed_and_leaves_nothing_behind(
     assert list(tmp_path.glob("report-*")) == []
 
 
+@pytest.mark.thorough
 def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path, tmp_path: Path) -> None:
     app.select(7)
     app.show_view("Corner")
@@ -366,6 +368,7 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
             assert HIDDEN in page.text()
 
 
+@pytest.mark.thorough
 def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(app: App, folder: Path, tmp_path: Path) -> None:
     there = tmp_path / "cell"
     path = tmp_path / "session.json"

@@ -73,6 +73,7 @@ def cylinder_ends_mm(page: WireClient) -> np.ndarray:
     return 1000 * np.column_stack([at, scale[:, 2]])
 
 
+@pytest.mark.thorough
 def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: WireClient) -> None:
     for pose in (0, 7):
         app.select(pose)
@@ -189,6 +190,7 @@ def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
     assert not page.notifications
 
 
+@pytest.mark.thorough
 def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, page: WireClient) -> None:
     app.open("meshed")
     assert app.worker.wait_idle(IDLE_S)

@@ -68,6 +68,7 @@ def search(app: App, pose: int) -> CornerSearch:
     return found
 
 
+@pytest.mark.thorough
 def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_table(
     app: App, page: WireClient
 ) -> None:

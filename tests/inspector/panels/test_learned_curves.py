@@ -43,7 +43,7 @@ def offered(page: WireClient) -> bool:
     return page.has(ADD_CURVES) and bool(page.props(ADD_CURVES)["visible"])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: WireClient) -> None:
     assert app.worker.wait_idle(IDLE_S)
     learned = session(app).curves
@@ -75,7 +75,7 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
     assert not page.notifications
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_report_has_them_in_a_section_and_no_row_for_each_mode(folder: Path) -> None:
     ranked = sessions.with_screening(sessions.with_calibration(measuring.open_session(folder)))
     added = sessions.with_screening(sessions.with_effect(ranked, LEARNED))

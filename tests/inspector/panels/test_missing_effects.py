@@ -53,6 +53,7 @@ def history(page: WireClient) -> dict[str, list[float]]:
     return {}
 
 
+@pytest.mark.thorough
 def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
     start = history(page)
     assert len(start["test"]) == 2
@@ -98,6 +99,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
     page.wait(lambda p: "Verdict: " not in plain(p))
 
 
+@pytest.mark.thorough
 def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> None:
     found = diagnose(load_dataset(folder))
     said = verdict_html(replace(found, confounded_sets=(ConfoundedSet("backlash", ("joint_scale",), ()),)), None)
@@ -129,6 +131,7 @@ def test_what_cannot_be_fitted_leaves_nothing_of_the_dataset_before(folder: Path
             page.wait(lambda p, label=label: list(p.props(label)["options"]) == ["–"])  # type: ignore[misc]
 
 
+@pytest.mark.thorough
 def test_the_ranking_is_the_commands_too(folder: Path, page: WireClient) -> None:
     candidates = command("diagnose", folder, "--max-steps", 0)["candidates"]
     shows(page, "What could be missing")
@@ -171,6 +174,7 @@ def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     assert not page.notifications
 
 
+@pytest.mark.thorough
 def test_two_pages_see_one_session_and_one_may_leave(app: App, page: WireClient) -> None:
     with WireClient(app.server.get_port()) as other:
         other.click(ADD)
@@ -185,6 +189,7 @@ def test_two_pages_see_one_session_and_one_may_leave(app: App, page: WireClient)
         shows(late, "Verdict: ", f"link errors + {HIDDEN}")
 
 
+@pytest.mark.thorough
 def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -> None:
     with WireClient(app.server.get_port()) as other:
         for _ in range(25):
@@ -246,6 +251,7 @@ def test_the_page_goes_on_while_the_program_looks(app: App, page: WireClient) ->
     assert not page.notifications
 
 
+@pytest.mark.thorough
 def test_unlisted_effects_are_told_or_ignored(app: App, page: WireClient) -> None:
     before = session(app)
     page.send(type="GuiUpdateMessage", uuid=page.find("Effect"), updates={"value": "<b>none</b>"})
@@ -275,6 +281,7 @@ def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: W
     shows(page, "What is left: a systematic dependence on")
 
 
+@pytest.mark.thorough
 def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(app: App, page: WireClient) -> None:
     screening, result = session(app).screening, session(app).calibration
     assert screening is not None
@@ -357,6 +364,7 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
         assert drawn["y"] == pytest.approx((degrees * pose_errors.apparent_joint_error[rows, 2]).tolist())
 
 
+@pytest.mark.thorough
 def test_the_work_space_is_a_choice_and_follows_the_selection(app: App, page: WireClient) -> None:
     pose_errors = session(app).pose_errors
     assert pose_errors is not None
@@ -413,5 +421,6 @@ def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(ap
     page.wait(lambda p: "residuals × 10," in p.scene[f"{name}/label"]["props"]["text"])
 
 
+@pytest.mark.thorough
 def test_datasets_of_points_come_with_the_model_first(page: WireClient) -> None:
     assert page.tabs()[:4] == ["Review", "Learn", "Model", "Measure"]

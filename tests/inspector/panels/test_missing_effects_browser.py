@@ -81,7 +81,7 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
     assert fact(page, "test 3D RMSE") == f"{numbers.column_mm(told['steps'][-1]['test_rmse_mm'])} mm"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_where_it_fails_selects_the_pose_everywhere(page: Any, app: App) -> None:
     page.get_by_role("tab", name="Where it fails", exact=True).click()
     says(page, "Worst poses, mm")

@@ -50,6 +50,7 @@ def buttons(page: WireClient, label: str) -> int:
     return sum(p.get("label") == label and p.get("visible", True) for p in props)
 
 
+@pytest.mark.thorough
 def test_the_advised_move_and_the_worst_poses_have_the_same_button(
     app: App, page: WireClient, outlying: tuple[Path, list[str]]
 ) -> None:

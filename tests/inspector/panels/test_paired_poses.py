@@ -34,6 +34,7 @@ def drawn(page: WireClient, name: str) -> np.ndarray:
     return 1000.0 * np.asarray(page.scene[f"{ROOT}/{name}"]["props"]["points"]).reshape(-1, 2, 3)
 
 
+@pytest.mark.thorough
 def test_arrows_before_and_after_a_change_and_of_what_it_moved(app: App, page: WireClient) -> None:
     assert app.state.now.pair_choices == {}  # until a diagnosis has judged them
     app.find(True)

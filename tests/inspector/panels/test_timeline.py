@@ -59,7 +59,7 @@ def test_a_time_selects_the_nearest_pose_and_a_pose_its_time(app: App) -> None:
     assert "number 11 by time" in page_says(app)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_plays_to_the_last_pose_and_stops(app: App) -> None:
     order = in_time(TIMES_S)
     app.select(int(order[-3]))

@@ -114,7 +114,7 @@ def test_the_parameters_are_those_of_the_fit(folder: Path, written: Path, capsys
     assert f"a2 {lengths[0]['nominal']:.4f} {lengths[0]['value']:.4f}" in table
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_figures_hold_the_history_and_every_pose(folder: Path, written: Path) -> None:
     arm, history, *others = figures(written.read_text())
     assert len(others) >= 4
@@ -221,7 +221,7 @@ def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
     assert "2026-03-04 05:06" in page
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_effects_that_are_given_stand_in_the_first_step(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "report.html"
     assert main(["report", str(folder / "hidden"), "--out", str(out), "--effect", HIDDEN]) == 0

@@ -54,7 +54,7 @@ def test_an_arm_whose_parts_can_be_worked_out_by_hand() -> None:
     assert reach_mm(ELBOW) == 350.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["rb5", "panda"])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_joints_lie_along_their_axes_and_solids_join_up(name: str, seed: int) -> None:

@@ -48,7 +48,7 @@ def app(tmp_path: Path) -> object:
         yield running
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_poses_in_a_box_are_marked_explained_and_left_out(app: App) -> None:
     def first_five(points: Array) -> BoolArray:
         return np.arange(len(points)) < 5

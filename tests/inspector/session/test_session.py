@@ -126,7 +126,7 @@ def test_calibrating_again_keeps_the_effects(added: Session) -> None:
     assert HIDDEN in again.calibration.model.family_names
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_diagnosis_is_taken_over_whole(ranked: Session) -> None:
     said: list[str] = []
     found = sessions.with_diagnosis(ranked, said.append)

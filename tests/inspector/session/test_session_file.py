@@ -76,7 +76,7 @@ def test_everything_comes_back_to_the_last_bit(worked_on: Session, saved: Path, 
     assert load_session(saved).shown == Shown("p0007", "All corners", True, 300.0, 1000.0)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_diagnosis_comes_back_with_its_words(folder: Path, tmp_path: Path) -> None:
     found = sessions.with_diagnosis(measuring.open_session(folder))
     save_session(tmp_path / "s.json", found)

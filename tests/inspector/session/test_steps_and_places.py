@@ -40,7 +40,7 @@ def test_a_slip_is_advised_added_and_opened_again(tmp_path: Path) -> None:
     assert sessions.without_effect(again, "joint_step").effects == ()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_commands_name_it_with_joint_and_pose_and_correct_for_the_arm_as_it_is_now(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from calib import calibrate, frames
 from calib.dataset.dataset import Dataset, Scanner
@@ -37,6 +38,7 @@ def dense_waves(seed: int, poses: int = 100, test: int = 40) -> Dataset:
     )
 
 
+@pytest.mark.thorough
 def test_waves_of_two_degrees_are_learned_from_dense_poses() -> None:
     dataset = dense_waves(1)
     before = calibrate(dataset)

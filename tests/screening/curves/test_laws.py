@@ -250,7 +250,7 @@ def test_it_comes_back_from_its_files(rippled: tuple[Simulated, Diagnosis], tmp_
     assert apply_values(of_file, state, np.ones(1)).vector == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "number"), [("wave_of_another", 1), pytest.param("dragged_on", 0, marks=pytest.mark.thorough)]
 )

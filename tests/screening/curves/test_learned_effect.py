@@ -63,7 +63,7 @@ def test_what_one_joint_does_is_learned_nearly_as_well_as_if_it_had_a_name(seed:
     assert test_rmse_mm(after.calibration) < 1.3 * floor_mm
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_short_formula_is_given_where_it_says_as_much(ripple: Dataset) -> None:
     found = diagnose(ripple)
     assert found.verdict == "unexplained"
@@ -78,7 +78,7 @@ def test_a_short_formula_is_given_where_it_says_as_much(ripple: Dataset) -> None
     assert isinstance(member.modes, FormulaModes)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_curves_never_take_the_place_of_a_name_and_do_not_stay_where_they_predict_worse() -> None:
     named = diagnose(arm(2004, ("joint_compliance", 4.0)))
     assert named.missing == ("joint_compliance",)
@@ -110,7 +110,7 @@ def test_the_file_says_what_was_learned_and_is_an_effect_again(ripple: Dataset, 
     assert all(np.array_equal(apply_values(m, state, np.ones(1)).vector, state.vector) for m in others)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_command_writes_it_and_correct_takes_it(ripple: Dataset, tmp_path: Path, capsys) -> None:
     write_dataset(ripple, tmp_path / "cell")
     curves = tmp_path / "my_effect.py"

@@ -64,7 +64,7 @@ def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session)
     assert LEARNED in said
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_adding_them_takes_what_was_learned_and_removing_offers_them_again(ranked: Session) -> None:
     assert ranked.curves is not None
     assert ranked.calibration is not None
@@ -173,7 +173,7 @@ def test_a_fit_without_curves_has_none_to_tell(ranked: Session) -> None:
     assert curve_blocks(ranked.calibration) == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_terminal_tells_curves_in_a_line_and_json_keeps_all_parameters(folder: Path, capsys) -> None:
     asked = ["calibrate", str(folder), "--add", LEARNED]
     assert main(asked) == 0

@@ -176,7 +176,7 @@ def test_the_ranking_and_one_effect_of_it(found: Diagnosis) -> None:
     stands_alone(figures.added_variable(found, best), "σ")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_learned_curves_are_those_of_the_fit(tmp_path: Path) -> None:
     found = calib.diagnose(calib.load_dataset(write_unnamed(tmp_path)))
     curves = fitted_curves(found.calibration)
