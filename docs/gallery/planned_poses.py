@@ -5,13 +5,10 @@ error of the fit that will have them.
 """
 
 import calib
-from calib.planning.plan import plan_poses
-from calib.planning.start import start_of_dataset
 from inspector import figures
 
-dataset = calib.load_dataset("sample_data/hidden_effect_b")
-start = start_of_dataset(dataset, calib.FitOptions(), effects=["joint_compliance", "backlash"])
-plan = plan_poses(start, 5, candidates=200)
+fit = calib.calibrate("sample_data/hidden_effect_b", effects=["joint_compliance", "backlash"])
+plan = calib.plan(fit, 5)
 figure = figures.plan_curve(plan)
 figure.update_layout(title_text="Predicted error against the number of new poses")
 figure.show()
