@@ -13,7 +13,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from inspector.cli.commands import commands, declarations
+from inspector.cli.commands import commands, declarations, lacking
 from inspector.cli.options.declaration import add_arguments
 from inspector.cli.options.shared import FittingOptions
 
@@ -60,6 +60,8 @@ class CommandOptions(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """The nodes; an unknown name is an error of the page."""
         name = self.arguments[0]
+        if lacks := lacking([name]):
+            return [nodes.paragraph("", f"{lacks}.")]
         if name not in {FIT, *commands()}:
             raise self.error(f"{name!r} is no command")
         options, takes_fit = table_of(name)

@@ -197,7 +197,7 @@ def write_gallery(source: Path, target: Path, samples: Path, order: Sequence[str
     order: names of those that come first.
     """
     named = [source / f"{name}.py" for name in order]
-    paths = [*named, *sorted(set(source.glob("*.py")) - set(named))]
+    paths = [path for path in (*named, *sorted(set(source.glob("*.py")) - set(named))) if _can_run(path)]
     stamp = target / ".made-of"
     made_of = _hash(paths, source.parents[1])
     if stamp.is_file() and stamp.read_text() == made_of:
@@ -219,6 +219,13 @@ def write_gallery(source: Path, target: Path, samples: Path, order: Sequence[str
         (target / f"{script.path.stem}.md").write_text(page_of(script, shown[-1], download), encoding="utf-8")
     (target / "index.inc").write_text(index_of(scripts, shown), encoding="utf-8")
     stamp.write_text(made_of)
+
+
+def _can_run(path: Path) -> bool:
+    """Whether the extras that a script imports are here."""
+    asked = re.findall(r"^from calib\.extras\.(\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+    extras = Path(__file__).parents[2] / "calib" / "extras"
+    return all((extras / name).is_dir() for name in asked)
 
 
 def _hash(paths: Sequence[Path], project: Path) -> str:
