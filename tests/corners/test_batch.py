@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import pickle
@@ -27,11 +26,10 @@ from calib import find_corners
 from calib.corners.batch import search_file
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Scanner
-from calib.errors import CornerError
+from calib.errors import CornerError, DatasetError
 from calib.jig import Jig
 from calib.parallel import map_as_completed
 from calib.scans.scan import write_scan
-from inspector.cli.parser import main
 from inspector.cli.progress import processes
 from tests.support.scan_scene import make_scene
 
@@ -41,11 +39,12 @@ COUNT = 5
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
-    """Stand-in with the attributes that find_corners reads of a dataset; the last scan is missing."""
+    """Stand-in with the attributes that find_corners reads of a dataset; the last scan is missing, one before cut."""
     folder = tmp_path_factory.mktemp("scans")
     names = [f"p{seed}.ply" for seed in range(COUNT)]
-    for seed, name in enumerate(names[:-1]):
+    for seed, name in enumerate(names[:-2]):
         write_scan(folder / name, make_scene(np.random.default_rng(seed), 5_000, field_mm=110).scan)
+    (folder / names[-2]).write_bytes((folder / names[0]).read_bytes()[:5000])
     return SimpleNamespace(
         name="d",
         poses=SimpleNamespace(ids=tuple(name.removesuffix(".ply") for name in names)),
@@ -59,8 +58,19 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 @pytest.fixture(scope="module")
 def alone(dataset: Any) -> dict[str, CornerSearch]:
     found = find_corners(dataset)
-    assert [search.corner is not None for search in found.values()] == [True] * (COUNT - 1) + [False]
+    assert [search.corner is not None for search in found.values()] == [True] * (COUNT - 2) + [False] * 2
     return found
+
+
+def test_a_scan_that_cannot_be_read_is_told_beside_the_others(alone: dict[str, CornerSearch]) -> None:
+    assert [search.unreadable for search in alone.values()] == [False] * (COUNT - 2) + [True] * 2
+    assert "truncated" in alone["p3"].failure
+
+
+def test_a_dataset_without_scans_is_told(dataset: Any) -> None:
+    without = SimpleNamespace(**{**vars(dataset), "scan_path": lambda i: None})
+    with pytest.raises(DatasetError, match="no scans"):
+        find_corners(without)  # type: ignore[arg-type]
 
 
 def bits(search: CornerSearch) -> tuple[Any, ...]:
@@ -88,8 +98,9 @@ EXECUTORS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", EXECUTORS)
-@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[] if kind == "threads" else pytest.mark.thorough) for kind in EXECUTORS]
+)
 def test_the_same_to_the_bit_on_any_executor(dataset: Any, alone: dict[str, CornerSearch], kind: str) -> None:
     steps: list[tuple[int, int, str]] = []
     with EXECUTORS[kind]() as executor:
@@ -210,25 +221,6 @@ def test_an_early_end_cancels_what_waits(how: str) -> None:
     assert len(started) <= 3
     assert sum(future.cancelled() for future in executor.futures) == len(executor.futures) - len(started)
     assert 50 <= len(executor.futures) <= 51
-
-
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_the_command_finds_the_same_with_any_number_of_processes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["simulate", str(tmp_path / "cell"), "--robot", "rb5", "--poses", "3", "--scans"]) == 0
-    capsys.readouterr()
-    printed = []
-    for count in ("1", "2"):
-        assert main(["corners", str(tmp_path / "cell"), "--processes", count, "--json"]) == 0
-        corners = json.loads(capsys.readouterr().out)["corners"]
-        printed.append([{k: v for k, v in corner.items() if k != "seconds"} for corner in corners])
-    assert len(printed[0]) == 3
-    assert printed[0] == printed[1]
-    with pytest.raises(SystemExit) as stopped:
-        main(["corners", str(tmp_path / "cell"), "--processes", "0"])
-    assert stopped.value.code == 2
 
 
 def test_processes_leave_an_interrupt_to_the_one_that_started_them() -> None:

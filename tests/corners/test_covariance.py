@@ -10,8 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.corners import refinement
-from calib.corners.correlated_noise import plane_uncertainty
-from calib.corners.correlated_noise.likelihood import CorrelationEvidence
 from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
 from calib.corners.intersection import Corner, intersect
 from calib.corners.refinement import refine
@@ -190,20 +188,3 @@ def test_faces_of_hardly_known_direction_are_no_corner(monkeypatch: pytest.Monke
     for angle_deg in (80.0, 90.0):
         with pytest.raises(CornerError, match=r"its direction to \S+ deg only"):
             corner(np.random.default_rng(1), Jig(face_angles_deg=(angle_deg, 90.0, 90.0)), told=Jig())
-
-
-@pytest.mark.thorough
-def test_a_long_box_has_no_more_patches_than_its_covariance_needs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Faces of 42 by 126 to 204 mm once had 400 patches of a sixth of the shortest edge, and took ten times as long."""
-    patches = []
-    evidence = plane_uncertainty.evidence_of
-
-    def counted(mean_mm: np.ndarray, *rest: np.ndarray) -> CorrelationEvidence:
-        patches.append(len(mean_mm))
-        return evidence(mean_mm, *rest)
-
-    monkeypatch.setattr(plane_uncertainty, "evidence_of", counted)
-    box = Jig(edge_mm=(42.0, 126.0, 204.0))
-    found = [corner(np.random.default_rng(seed), box, smooth_mm=0.04, length_mm=20.0, points=3000) for seed in range(6)]
-    assert 60 < max(patches) < 200
-    assert 0.8 < np.mean([squared(c) for c in found]) < 7  # 3, give or take 1 for six

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from tests.support.scan_scene import SceneScan, make_scene
 SCANS = 12
 
 
+@cache
 def scanned(bows_mm: tuple[float, float, float], seed: int, **scene) -> tuple[list[SceneScan], JigShape]:
     """Scans of one jig in many attitudes, and what they tell together."""
     made = [make_scene(np.random.default_rng([k, seed]), bows_mm=bows_mm, **scene) for k in range(SCANS)]

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from calib.corners.face_selection import TriedPairs
 from calib.corners.plane_triples import Planes, SelectionTolerances
 from calib.jig import Jig
 from calib.planes.clustering import PlaneGroup
@@ -40,31 +38,3 @@ def test_of_thousands_of_perpendicular_triples_those_with_the_most_points_are_sc
     true = sorted(np.flatnonzero([abs(g.offset_mm - g.normal @ apex) < 1e-9 for g in groups]).tolist())
     assert sorted(max(planes.triples, key=lambda t: t.score.sum()).chosen) == true
     assert len(planes.likeliest_pairs) <= 50
-
-
-def test_a_pair_of_planes_is_tried_once_also_where_a_later_pass_finds_it_a_little_off() -> None:
-    rng = np.random.default_rng(3)
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    turn *= -np.sign(turn[2])
-    local = rng.uniform(0, 40, (2, 300, 2))
-    faces = [np.insert(local[i], i, 0.0, axis=1) @ -turn for i in range(2)]
-    points = np.array([0.0, 0, 700]) + np.concatenate(faces)
-    flat, wide = np.full(600, 0.02), np.full(600, 6.0)
-    near = np.zeros((600, 20), dtype=np.int64)
-    around = Neighbourhoods(points, np.repeat(turn[:2], 300, axis=0), flat, 0.01 * flat, near, wide)
-
-    def planes(tilt_deg: float, lift_mm: float, order: tuple[int, ...]) -> Planes:
-        lean = Rotation.from_rotvec(np.radians(tilt_deg) * turn[2])
-        groups = []
-        for i in order:
-            middle = points[300 * i : 300 * i + 300].mean(axis=0)
-            normal = lean.apply(turn[i])
-            groups.append(PlaneGroup(np.arange(5), middle, normal, float(normal @ middle) + lift_mm))
-        return Planes(groups, around, Jig(), SelectionTolerances(0.03, 0.3, 0.5))
-
-    tried = TriedPairs()
-    assert tried.new(planes(0, 0, (0, 1))) == [(0, 1)]
-    assert tried.new(planes(0, 0, (0, 1))) == []
-    assert tried.new(planes(0.2, 0.1, (1, 0))) == []
-    assert tried.new(planes(2.0, 0, (0, 1))) == [(0, 1)]  # turned
-    assert tried.new(planes(0, 3.0, (0, 1))) == [(0, 1)]  # elsewhere

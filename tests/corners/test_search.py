@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,13 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib import find_corners
 from calib.corners.search import CornerOptions, CornerSearch, find_corner
-from calib.dataset.dataset import Scanner
-from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.planes.point_selection import thin_to_voxels
-from calib.scans.scan import Scan, write_scan
+from calib.scans.scan import Scan
 from calib.statistics import rms
 from tests.support.scan_cases import CASES
 from tests.support.scan_scene import FACE_LABELS, SceneScan, box_beside, grazing, make_scene
@@ -380,50 +373,6 @@ def test_the_wrong_edge_is_told() -> None:
         found = search(scene.scan.points_mm, Jig(edge_mm=edge_mm))
         assert found.corner is None
         assert "edge" in found.failure or "perpendicular" in found.failure
-
-
-def fake_dataset(folder: Path, names: tuple[str, ...]) -> SimpleNamespace:
-    """Stand-in with the attributes that find_corners reads of a dataset."""
-    poses = SimpleNamespace(ids=tuple(name.removesuffix(".ply") for name in names))
-    return SimpleNamespace(
-        name="d",
-        poses=poses,
-        jig=JIG,
-        scanner=Scanner(scan_sigma_mm=0.02),
-        left_out=(),
-        scan_path=lambda i: folder / names[i],
-    )
-
-
-@pytest.mark.slow
-def test_corners_of_a_dataset_are_the_same_on_any_executor(tmp_path: Path) -> None:
-    names = ("p1.ply", "p2.ply", "p3.ply", "gone.ply")
-    for seed in range(2):
-        write_scan(tmp_path / names[seed], make_scene(np.random.default_rng(seed), 9_000).scan)
-    (tmp_path / "p3.ply").write_bytes((tmp_path / "p1.ply").read_bytes()[:5000])
-    dataset = fake_dataset(tmp_path, names)
-    steps: list[tuple[int, int, str]] = []
-    alone = find_corners(dataset, on_progress=lambda *step: steps.append(step))  # type: ignore[arg-type]
-    assert list(alone) == ["p1", "p2", "p3", "gone"]
-    assert steps == [(1, 4, "p1"), (2, 4, "p2"), (3, 4, "p3"), (4, 4, "gone")]
-    assert [s.unreadable for s in alone.values()] == [False, False, True, True]
-    assert "truncated" in alone["p3"].failure
-    with ThreadPoolExecutor(2) as executor:
-        together = find_corners(dataset, executor=executor)  # type: ignore[arg-type]
-    for pose_id in ("p1", "p2"):
-        one, other = alone[pose_id].corner, together[pose_id].corner
-        assert one is not None
-        assert other is not None
-        np.testing.assert_array_equal(one.xyz_mm, other.xyz_mm)
-        np.testing.assert_array_equal(one.covariance_mm2, other.covariance_mm2)
-    pickle.loads(pickle.dumps(alone["p1"]))  # so that a process can hand it back
-
-
-def test_a_dataset_without_scans_is_told(tmp_path: Path) -> None:
-    dataset = fake_dataset(tmp_path, ("p1.ply",))
-    dataset.scan_path = lambda i: None
-    with pytest.raises(DatasetError, match="no scans"):
-        find_corners(dataset)  # type: ignore[arg-type]
 
 
 @pytest.mark.thorough

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from calib.corners.correlated_noise import plane_uncertainty, posterior
+from calib.corners.correlated_noise import posterior
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.correlated_noise.likelihood import LENGTHS, ROUGH_FROM, SHAPES, evidence_of, gaussian_kernels
 from calib.corners.correlated_noise.patches import PatchPlaces
@@ -156,17 +156,6 @@ def test_points_that_share_their_errors_count_less(kernel: str, monkeypatch: pyt
     error, equal = (np.sqrt(np.mean([np.sum((one.xyz_mm - APEX) ** 2) for one in each])) for each in (found, corners()))
     assert error < 0.85 * equal
     assert 1.5 < np.mean([squared(one) for one in found]) < 5.0
-
-
-def test_white_noise_leaves_all_points_the_same_weight(monkeypatch: pytest.MonkeyPatch) -> None:
-    def never(*arguments: object) -> None:
-        raise AssertionError
-
-    monkeypatch.setattr(plane_uncertainty, "generalised_fit", never)
-    for seed in range(4):
-        corner(seed)
-    with pytest.raises(AssertionError):
-        corner(0, smooth_mm=0.05, length_mm=15.0)
 
 
 def test_a_scan_turned_about_the_scanner_turns_its_corner() -> None:

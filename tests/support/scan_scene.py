@@ -245,10 +245,7 @@ def make_scene(
     pieces += list(extras)
 
     n = round(np.sqrt(rays))
-    grid = (np.arange(n) + 0.5) / n - 0.5
-    x, y = np.meshgrid(grid * field_mm / distance_mm, grid * field_mm / distance_mm, indexing="xy")
-    direction = np.stack([x.ravel(), y.ravel(), np.ones(n * n)], axis=1)
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = view_rays(n, field_mm, distance_mm)
     hits = [piece.hit(direction) for piece in pieces]
     depth = np.stack([h[0] for h in hits])
     label = np.argmin(depth, axis=0)
@@ -260,15 +257,11 @@ def make_scene(
         t[on], cosine[on], flat = _rounded(direction[on], t[on], apex, normals, fillet_mm, convex)
         label[on[~flat]] = 3
 
-    image = np.where(np.isfinite(t), t, 5000.0).reshape(n, n)
-    neighbour = image.copy()
-    for axis, shift in ((0, 1), (1, 1), (0, -1), (1, -1)):
-        rolled = np.roll(image, shift, axis=axis)
-        neighbour = np.where(np.abs(rolled - image) > np.abs(neighbour - image), rolled, neighbour)
-    jump = np.abs(neighbour - image).ravel()
+    depth_there, neighbour = farthest_neighbours(t)
+    jump = np.abs(neighbour - depth_there)
     fly = (jump > 12) & (jump < 2000) & (rng.random(n * n) < flying)
     share = rng.random(n * n)
-    t_flying = image.ravel() * (1 - share) + neighbour.ravel() * share
+    t_flying = depth_there * (1 - share) + neighbour * share
 
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma_ray = sigma_mm * (0.5 + 0.5 / cosine**2)
@@ -298,14 +291,38 @@ def make_scene(
     inverse = np.linalg.inv(normals)
     covariance = inverse @ np.diag(heights) @ inverse.T
 
-    if outliers > 0:
-        count = round(len(points) * outliers / (1 - outliers))
-        low, high = points.min(axis=0), points.max(axis=0)
-        points = np.vstack([points, rng.uniform(low, high, (count, 3))])
-        label = np.r_[label, np.full(count, -1)]
+    points, label = with_strays(points, label, outliers, rng)
     order = rng.permutation(len(points))
     scan = Scan("scene", points[order].astype(np.float32).astype(np.float64))
     return SceneScan(scan, label[order], apex, normals, float(np.sqrt(np.trace(covariance))))
+
+
+def view_rays(n: int, field_mm: float, distance_mm: float) -> NDArray:
+    """Unit rays (n * n, 3) of a square view, so wide at that distance."""
+    grid = ((np.arange(n) + 0.5) / n - 0.5) * field_mm / distance_mm
+    x, y = np.meshgrid(grid, grid, indexing="xy")
+    direction = np.stack([x.ravel(), y.ravel(), np.ones(n * n)], axis=1)
+    return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True))
+
+
+def farthest_neighbours(t: NDArray) -> tuple[NDArray, NDArray]:
+    """Depths (n * n,) of a square view, 5 m where nothing is met, and of each pixel's neighbour that differs most."""
+    n = round(np.sqrt(len(t)))
+    image = np.where(np.isfinite(t), t, 5000.0).reshape(n, n)
+    other = image.copy()
+    for axis, shift in ((0, 1), (1, 1), (0, -1), (1, -1)):
+        rolled = np.roll(image, shift, axis=axis)
+        other = np.where(np.abs(rolled - image) > np.abs(other - image), rolled, other)
+    return image.ravel(), other.ravel()
+
+
+def with_strays(points: NDArray, label: NDArray, share: float, rng: np.random.Generator) -> tuple[NDArray, NDArray]:
+    """The points with so large a share of others, labelled -1, anywhere in the box around them."""
+    if share == 0:
+        return points, label
+    count = round(len(points) * share / (1 - share))
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.vstack([points, rng.uniform(low, high, (count, 3))]), np.r_[label, np.full(count, -1)]
 
 
 def smooth_bound_mm(made: SceneScan, sigma_mm: float, waves_mm: float, length_mm: float, kernel: str) -> float:

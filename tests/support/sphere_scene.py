@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.scans.scan import Scan
-from tests.support.scan_scene import Cylinder, Patch, box, jig_rotation
+from tests.support.scan_scene import (
+    Cylinder,
+    Patch,
+    box,
+    farthest_neighbours,
+    jig_rotation,
+    view_rays,
+    with_strays,
+)
 from tests.support.smooth_fields import smooth_field
 
 MIXED = 0.35  # share of the pixels at a jump of depth that lie between both sides
@@ -114,10 +122,7 @@ def scan_of(
     of it.
     """
     n = round(np.sqrt(rays))
-    grid = ((np.arange(n) + 0.5) / n - 0.5) * field_mm / distance_mm
-    x, y = np.meshgrid(grid, grid, indexing="xy")
-    direction = np.stack([x.ravel(), y.ravel(), np.ones(n * n)], axis=1)
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = view_rays(n, field_mm, distance_mm)
     hits = [piece.hit(direction) for piece in (*balls, *others)]
     depths = np.stack([h[0] for h in hits])
     label = np.argmin(depths, axis=0)
@@ -125,16 +130,12 @@ def scan_of(
     cosine = np.maximum(np.stack([h[1] for h in hits])[label, np.arange(n * n)], 1e-3)
     label[label >= len(balls)] = -1
 
-    image = np.where(np.isfinite(t), t, 5000.0).reshape(n, n)
-    other = image.copy()
-    for axis, shift in ((0, 1), (1, 1), (0, -1), (1, -1)):
-        rolled = np.roll(image, shift, axis=axis)
-        other = np.where(np.abs(rolled - image) > np.abs(other - image), rolled, other)
-    jump = np.abs(other - image).ravel()
+    depth_there, neighbour = farthest_neighbours(t)
+    jump = np.abs(neighbour - depth_there)
     pixel = field_mm / n
     mixed = (jump > 4 * pixel) & (jump < 2000) & (rng.random(n * n) < MIXED)
     share = rng.random(n * n)
-    between = image.ravel() * (1 - share) + other.ravel() * share
+    between = depth_there * (1 - share) + neighbour * share
 
     sigma_ray = sigma_mm * (0.5 + 0.5 / cosine**2)
     if smooth_mm > 0:
@@ -147,11 +148,7 @@ def scan_of(
     true, seen = (direction * np.where(np.isfinite(t), t, 0.0)[:, None])[keep], label[keep]
     sigma_normal = (sigma_ray * cosine)[keep]
     bounds = [_bound(ball, true[seen == i], sigma_normal[seen == i]) for i, ball in enumerate(balls)]
-    if stray > 0:
-        count = round(len(points) * stray / (1 - stray))
-        low, high = points.min(axis=0), points.max(axis=0)
-        points = np.vstack([points, rng.uniform(low, high, (count, 3))])
-        seen = np.r_[seen, np.full(count, -1)]
+    points, seen = with_strays(points, seen, stray, rng)
     order = rng.permutation(len(points))
     scan = Scan("balls", points[order].astype(np.float32).astype(np.float64))
     known, free = (np.array([bound[k] for bound in bounds]).reshape(-1, 3, 3) for k in range(2))
