@@ -7,7 +7,6 @@ import tracemalloc
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from calib.errors import ScanError
@@ -66,14 +65,6 @@ def test_an_array_shorter_than_the_archive_says_is_truncated(tmp_path: Path) -> 
     said, mb = peak_mb(path)
     assert "truncated" in said or "not a readable .npz" in said
     assert mb < 20.0
-
-
-def test_both_orders_of_an_array_and_its_types_are_read(tmp_path: Path) -> None:
-    points = np.random.default_rng(0).normal(size=(5, 7, 3))
-    for given in (points, np.asfortranarray(points), points.astype(np.float32), points.astype(">f8")):
-        np.savez_compressed(tmp_path / "a.npz", points=given)
-        read = load_scan(tmp_path / "a.npz").points_mm
-        np.testing.assert_array_equal(read, given.reshape(-1, 3).astype(float))
 
 
 def test_packed_points_of_the_point_cloud_library_are_bounded(tmp_path: Path) -> None:

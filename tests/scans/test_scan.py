@@ -37,59 +37,6 @@ def test_written_scan_is_read_back_exactly_with_its_normals(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("kind", "dtype"),
-    [
-        ("ascii", "<f4"),
-        ("binary_little_endian", "<f4"),
-        ("binary_little_endian", "<f8"),
-        ("binary_big_endian", ">f4"),
-    ],
-)
-def test_every_kind_of_ply(tmp_path: Path, kind: str, dtype: str) -> None:
-    (tmp_path / "a.ply").write_bytes(ply(kind, POINTS, dtype=dtype))
-    np.testing.assert_allclose(load_scan(tmp_path / "a.ply").points_mm, POINTS, rtol=1e-8)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("how", [{"write_ascii": True}, {}, {"compressed": True}])
-def test_every_kind_of_pcd_whole_and_cut(tmp_path: Path, how: dict[str, bool]) -> None:
-    import open3d
-
-    path = tmp_path / "a.pcd"
-    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(POINTS))
-    open3d.io.write_point_cloud(str(path), cloud, **how)
-    np.testing.assert_allclose(load_scan(path).points_mm, POINTS, atol=1e-3)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) * 2 // 3])
-    with pytest.raises(ScanError, match="promises 1000 points, it holds"):
-        load_scan(path)
-
-
-def test_text_and_mesh_vertices(tmp_path: Path) -> None:
-    import trimesh
-
-    (tmp_path / "a.xyz").write_text("# scanner export\n1, 2, 3, 255\n4,5,6,255\n\n7, 8, nan, 0\n")
-    scan = load_scan(tmp_path / "a.xyz")
-    np.testing.assert_array_equal(scan.points_mm, [[1, 2, 3], [4, 5, 6]])
-    assert scan.dropped == 1
-    box = trimesh.creation.box()
-    box.export(tmp_path / "b.stl")
-    assert len(load_scan(tmp_path / "b.stl").points_mm) == 8
-    box.export(tmp_path / "c.ply")
-    assert len(load_scan(tmp_path / "c.ply").points_mm) == 8
-
-
-def test_rows_without_depth_are_dropped_and_counted(tmp_path: Path) -> None:
-    points = POINTS.copy()
-    points[::4, 2] = np.nan
-    points[1, 0] = np.inf
-    (tmp_path / "a.ply").write_bytes(ply("binary_little_endian", points))
-    scan = load_scan(tmp_path / "a.ply")
-    assert scan.dropped == 251
-    np.testing.assert_array_equal(scan.points_mm, points[np.all(np.isfinite(points), axis=1)])
-
-
-@pytest.mark.parametrize(
     ("name", "content", "said"),
     [
         ("a.ply", b"", "empty"),
