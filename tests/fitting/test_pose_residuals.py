@@ -32,6 +32,7 @@ from calib.statistics import rms_length
 from tests.support.fit_cases import (
     SIGMA_RAD,
     check_gradient,
+    check_last_columns,
     full_poses,
     label,
     rich_dataset,
@@ -44,7 +45,7 @@ MEMBERS = [member for family in effects_for(DATASET) for member in some_of(famil
 
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
-def test_the_attitudes_jacobian_is_the_derivative(effect) -> None:
+def test_the_jacobian_of_place_and_attitude_is_the_derivative(effect) -> None:
     """Analytic and numerical derivatives agree for each effect, with scanner frames, away from zero."""
     rng = np.random.default_rng(1)
     observed = with_nominal_scanner_frames(Observations.of(DATASET), DATASET.robot)
@@ -52,15 +53,7 @@ def test_the_attitudes_jacobian_is_the_derivative(effect) -> None:
     links = () if isinstance(effect, LinkErrors) else (LinkErrors(DATASET.robot),)
     model = Model(DATASET.robot, (*links, effect))
     x = rng.normal(size=len(model.parameters)) * model.scales * 0.3
-    place, attitude, by = model.linearise_pose(x, poses, seen)
-    np.testing.assert_allclose(place, model.predict(x, poses, seen=seen), atol=1e-9)
-    for k in range(len(x) - len(effect.parameters), len(x)):
-        step = np.zeros(len(x))
-        step[k] = 1e-3 * model.scales[k]
-        high, low = (model.state(x + s, poses, seen).attitude for s in (step, -step))
-        turn = frames.rotvec_from_rotation(high @ np.swapaxes(low, 1, 2)) / (2 * step[k])
-        np.testing.assert_allclose(by[:, 3:, k] * model.scales[k], turn * model.scales[k], atol=1e-8)
-    np.testing.assert_allclose(attitude, model.state(x, poses, seen).attitude)
+    check_last_columns(model, len(effect.parameters), poses, seen, x)
 
 
 def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
@@ -194,21 +187,6 @@ def test_calibrate_tells_attitudes_and_full_poses_know_two_parameters_more() -> 
     assert {"alpha5", "d5"} <= set(pose.independent)
     # A constant turn behind the last joint is the jig's seat, whatever is measured.
     assert {"theta6", "alphaTCP", "thetaTCP", "betaTCP"} <= set(pose.no_influence)
-
-
-def test_the_rank_of_poses_is_that_of_the_residual() -> None:
-    """Columns by kinematics alone and the residual's Jacobian at the nominal arm have the same rank."""
-    for robot in ("rb5", "panda"):
-        dataset = full_poses(10, poses=60, robot=robot)
-        residuals = make_residuals("pose", geometric_model(dataset.robot), Observations.of(dataset))
-        scales = np.array([p.scale for p in residuals.parameters])
-        s = np.linalg.svd(residuals.linearise(0 * scales).jacobian * scales, compute_uv=False)
-        assert int(np.sum(s > 1e-9 * s[0])) == structural_rank(dataset.robot, residual="pose")
-
-
-def test_too_few_poses_are_told_with_the_number_that_would_do() -> None:
-    with pytest.raises(FitError, match="at least 6"):
-        calibrate(full_poses(11, poses=5), FitOptions("pose"))
 
 
 def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:

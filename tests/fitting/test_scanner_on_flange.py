@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import calibrate, frames, redundancy
+from calib import calibrate, redundancy
 from calib.effects.catalogue import effects_for
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
@@ -21,7 +21,7 @@ from calib.present.fit.calibration import calibration_warnings
 from calib.present.fit.redundancy import free_frame_sentence, tool_sentence
 from calib.rendering.blocks import plain
 from tests.support.arms import flange_dataset_of, perturbed, random_arm
-from tests.support.fit_cases import label, rich_dataset, some_of
+from tests.support.fit_cases import check_last_columns, label, rich_dataset, some_of
 
 RICH = rich_dataset()
 RICH = replace(RICH, robot=replace(RICH.robot, carries_scanner=True))
@@ -40,18 +40,7 @@ def test_the_jacobian_of_place_and_attitude_is_the_derivative(effect) -> None:
     jig = TargetOffsets(tuple(target for target in robot.targets if target.in_world))
     model = Model(robot, (*links, jig, effect))
     x = rng.normal(size=len(model.parameters)) * np.minimum(model.scales, 10.0) * 0.3
-    place, attitude, by = model.linearise_pose(x, poses, seen)
-    np.testing.assert_allclose(place, model.predict(x, poses, seen=seen), atol=1e-9)
-    np.testing.assert_allclose(attitude, model.state(x, poses, seen).attitude)
-    for k in range(len(x) - len(effect.parameters) - 3, len(x)):
-        step = np.zeros(len(x))
-        step[k] = 1e-3 * min(model.scales[k], 1.0)
-        high, low = (model.predict(x + s, poses, seen=seen) for s in (step, -step))
-        size = min(model.scales[k], 1.0)
-        np.testing.assert_allclose(by[:, :3, k] * size, (high - low) / (2 * step[k]) * size, atol=2e-6)
-        high, low = (model.state(x + s, poses, seen).attitude for s in (step, -step))
-        turn = frames.rotvec_from_rotation(high @ np.swapaxes(low, 1, 2)) / (2 * step[k])
-        np.testing.assert_allclose(by[:, 3:, k] * size, turn * size, atol=1e-8)
+    check_last_columns(model, len(effect.parameters) + 3, poses, seen, x)
 
 
 @pytest.mark.parametrize("joints", [5, 6, 7])

@@ -264,8 +264,6 @@ def test_bad_problems_are_one_clear_error() -> None:
         model.with_fixed(["a9"])
     with pytest.raises(FitError, match="no free parameter"):
         solve(PositionResiduals(model.with_fixed(robot.parameter_names), Observations.of(dataset)))
-    with pytest.raises(FitError, match="no residual named"):
-        make_residuals("angles", model, Observations.of(dataset))
     points = dataset.points
     assert points is not None
     broken = dataset.with_points(type(points)(points.pose, points.xyz_mm * np.nan, points.target))

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.dataset.dataset import Dataset, Orientations, Points
+from calib import frames
+from calib.dataset.dataset import Dataset, Orientations, Points, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.effect import Effect, Family, full_name
+from calib.effects.state import Seen
+from calib.fitting.model import Model
 from calib.fitting.residual import Residuals
 from calib.simulation.simulate import simulate_dataset
 from tests.support.arms import dataset_of, perturbed
@@ -88,6 +91,21 @@ def some_of(family: Family) -> tuple[Effect, ...]:
 def label(effect: Effect) -> str:
     """Names an effect in the list of tests: its first parameter."""
     return full_name(effect, effect.parameters[0])
+
+
+def check_last_columns(model: Model, count: int, poses: Poses, seen: Seen | None, x: np.ndarray) -> None:
+    """Check the derivatives by the model's last so many parameters by differences of place and attitude at x."""
+    place, attitude, by = model.linearise_pose(x, poses, seen)
+    np.testing.assert_allclose(place, model.predict(x, poses, seen=seen), atol=1e-9)
+    np.testing.assert_allclose(attitude, model.state(x, poses, seen).attitude)
+    for k in range(len(x) - count, len(x)):
+        size = min(model.scales[k], 1.0)  # in mm and rad for an effect of its usual size, or of 1
+        step = 1e-3 * size * (np.arange(len(x)) == k)
+        high, low = (model.predict(x + s, poses, seen=seen) for s in (step, -step))
+        np.testing.assert_allclose(by[:, :3, k] * size, (high - low) / 2e-3, atol=2e-6)
+        high, low = (model.state(x + s, poses, seen).attitude for s in (step, -step))
+        turn = frames.rotvec_from_rotation(high @ np.swapaxes(low, 1, 2)) / 2e-3
+        np.testing.assert_allclose(by[:, 3:, k] * size, turn, atol=1e-8)
 
 
 def check_gradient(residuals: Residuals, rng: np.random.Generator) -> None:
