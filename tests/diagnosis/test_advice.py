@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from calib import calibrate, diagnose, screen
+from calib import calibrate, screen
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
@@ -29,8 +29,6 @@ from calib.planning.discrimination import discriminating_poses, nearest_alternat
 from calib.present.cause.verdict import advice as advice_words
 from calib.present.cause.verdict import residual
 from calib.present.effects import meaning
-from calib.present.names import input_name
-from calib.rendering import numbers
 from calib.rendering.blocks import plain
 from calib.screening.candidates import Screening
 from calib.screening.projected_residual import project_residual
@@ -87,13 +85,6 @@ def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -
     found = judged(clean[0].dataset)
     assert isinstance(found, Diagnosis)
     assert found.verdict == "adequate"
-    assert left(clean[0], clean[2]) == "What is left: noise."
-    figures = clean[0].after.test
-    assert figures is not None
-    assert left(clean[0], replace(clean[2], noise_mm=figures.rmse_mm / np.sqrt(3.0) / 4.0)) == (
-        f"What is left: noise at the training poses; {numbers.length(figures.rmse_mm)} at the test poses, 4 times the "
-        "noise."
-    )
 
 
 def test_each_result_of_the_residual_tests_has_its_words(
@@ -150,25 +141,6 @@ def test_poses_that_stand_out_are_to_be_left_out(
     assert advice.move.poses == (pose,)
     assert advice.move.diagnosis.verdict == "outliers"
     assert "Leave it out, and measure it again" in plain(advice_words(advice))
-
-
-@pytest.mark.slow
-def test_the_page_and_the_diagnosis_judge_alike() -> None:
-    result, _, residual_tests = fitted("joint_compliance", seed=3)
-    found = diagnose(result.dataset, max_steps=0)
-    assert found.residual_tests == residual_tests
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("q3", "joint 3 (q3)"),
-        ("approach1", "the approach of joint 1"), ("time_s", "time"), ("y", "y of the instrument's frame"),
-        ("order", "the order of measuring"), ("humidity2", "humidity2"),
-    ],
-)  # fmt: skip
-def test_inputs_in_words(name: str, words: str) -> None:
-    assert str(input_name(name)) == words
 
 
 def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:

@@ -21,11 +21,10 @@ from calib.effects.base import Parameter
 from calib.effects.catalogue.order_steps import ChangePoint, JointStep
 from calib.effects.effect import Family, families_from
 from calib.effects.state import RobotState
-from calib.kinematics.chain import target_jacobian
 from calib.present.cause import verdict as told
 from calib.rendering.text import plain
-from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
+from tests.support.hidden_dataset import with_joint_errors
 
 
 def bump(q_rad: Array, middle_rad: float) -> Array:
@@ -61,19 +60,12 @@ BLEND = Bumps("blend", (1.0, 1.0, 1.0))
 
 
 def measured_with(*effects: tuple[Bumps, float]) -> Dataset:
-    """Dataset of an arm of which some joints err by bumps, by the derivative of the nominal arm."""
+    """Dataset of an arm of which some joints err by bumps."""
     dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(2), poses=80, noise_mm=0.05).dataset
-    assert dataset.points is not None
-    q_rad = dataset.poses.q[dataset.points.pose]
-    frame = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
-    columns = target_jacobian(dataset.robot, q_rad)
-    xyz_mm = dataset.points.xyz_mm
+    error_rad = np.zeros((len(dataset.poses), 3))
     for bumps, size_rad in effects:
-        error_rad = size_rad * bumps.error_rad(q_rad)
-        for column, joint in enumerate((1, 2, 4)):
-            by_theta = columns[..., dataset.robot.parameter_names.index(f"theta{joint + 1}")]
-            xyz_mm = xyz_mm + by_theta * error_rad[:, [column]] @ frame[:3, :3].T
-    return dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+        error_rad += size_rad * bumps.error_rad(dataset.poses.q)
+    return with_joint_errors(dataset, dict(zip((1, 2, 4), error_rad.T, strict=True)))
 
 
 @pytest.mark.slow

@@ -82,13 +82,6 @@ def test_an_exact_twin_stays_in_the_set_whatever_its_prior(twins: Dataset) -> No
     assert document["open_sets"][0]["effect"] == confounded.effect
 
 
-@pytest.mark.thorough
-def test_an_effect_beside_twins_is_found_and_claimed() -> None:
-    found = diagnose(with_turning_error(simulated(("thermal_growth", 4.0), masses=True, seed=4, tool_mm=150.0), 1.5e-3))
-    assert (found.verdict, found.missing) == ("ambiguous", ("thermal_growth",))
-    assert set(found.ambiguous_set) == {"transmission_error", "axis_wobble"}
-
-
 def test_who_is_a_twin(twins: Dataset) -> None:
     screening = screen(calibrate(twins), effects_for(twins))
     ranked = {candidate.name: candidate for candidate in screening.candidates}

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from calib import calibrate
+from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.kinematics.chain import target_jacobian
+from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 
 HIDDEN = "transmission_error"
@@ -35,6 +40,20 @@ def arm(seed: int, *effects: tuple[str, float], robot: str = "rb5") -> Dataset:
     rng = np.random.default_rng(seed)
     simulation = simulate_dataset(builtin_robot(robot), rng=rng, effects=effects, poses=64, noise_mm=0.05)
     return simulation.dataset
+
+
+def with_joint_errors(dataset: Dataset, errors_rad: Mapping[int, Array]) -> Dataset:
+    """The dataset with joints, counted from 0, off by (M,) at each point, by the nominal arm's derivative alone."""
+    points = dataset.points
+    assert points is not None
+    residuals = project_residual(calibrate(dataset)).residuals
+    frame = residuals.scanner_frames(np.zeros(len(residuals.model.parameters)))[""]
+    by_entry = target_jacobian(dataset.robot, dataset.poses.q[points.pose])
+    moved_mm = np.zeros_like(points.xyz_mm)
+    for joint, error_rad in errors_rad.items():
+        by_theta = by_entry[..., dataset.robot.parameter_names.index(f"theta{joint + 1}")]
+        moved_mm += by_theta * error_rad[:, None]
+    return dataset.with_points(replace(points, xyz_mm=points.xyz_mm + moved_mm @ frame[:3, :3].T))
 
 
 def write_unnamed(folder: Path) -> Path:
