@@ -12,16 +12,12 @@ from calib import calibrate, check, frames, redundancy
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.dataset.repeats import find_repeats, pooled_sigma_mm, repeats_of
+from calib.dataset.repeats import repeats_of
 from calib.effects.catalogue import family_of
 from calib.errors import FitError
-from calib.fitting.model import geometric_model
-from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import fit_scanner_frame
-from calib.kinematics.robot import Target
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
-from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import ErrorsOfTestPoses
 from tests.support import SHARED_DATA
@@ -122,33 +118,6 @@ def test_setups_have_frames_of_their_own_and_one_without_training_says_so() -> N
         assert any("'far'" in note for note in calibration_warnings(result))
 
 
-def test_several_targets_on_the_tool_are_one_fit() -> None:
-    rng = np.random.default_rng(8)
-    robot = replace(jang_arm(), targets=(Target("smr2", (40.0, -30.0, -60.0)),))
-    true = perturbed(robot, rng)
-    dataset = dataset_of(robot, true, rng, noise_mm=0.0)
-    assert dataset.points is not None
-    offset = np.array([40.0, -30.0, -60.0])
-    tool = true.table[-1]
-    flange_as_tool = true.with_table(np.vstack([true.table[:-1], [[0, 0, 0, 0, 0]]]))
-    # The flange's axes, by moving a zero tool along them.
-    at = elementary_points(flange_as_tool, dataset.poses.q)
-    second = at.copy()
-    z = elementary_points(flange_as_tool.with_table(np.vstack([true.table[:-1], [[0, 0, 1, 0, 0]]])), dataset.poses.q)
-    x = elementary_points(flange_as_tool.with_table(np.vstack([true.table[:-1], [[1, 0, 0, 0, 0]]])), dataset.poses.q)
-    axes = np.stack([x - at, np.cross(z - at, x - at), z - at], axis=-1)
-    second = at + axes @ offset
-    points = Points(
-        np.tile(np.arange(64), 2),
-        np.vstack([dataset.points.xyz_mm, second]),
-        np.array(["jig"] * 64 + ["smr2"] * 64),
-    )
-    result = calibrate(dataset.with_points(points))
-    assert result.after.train is not None
-    assert result.after.train.rmse_mm < 1e-6
-    assert np.abs(result.robot.table[-1] - tool).max() < 2.0
-
-
 def test_covariances_weigh_the_points() -> None:
     """For points noisy along one axis, full covariances give a better frame than none."""
     rng = np.random.default_rng(0)
@@ -167,13 +136,7 @@ def test_covariances_weigh_the_points() -> None:
     assert np.mean(errors["with"]) < 0.05 * np.mean(errors["without"])
 
 
-def test_too_few_poses_are_refused_with_the_number_that_would_do() -> None:
-    robot = jang_arm()
-    rng = np.random.default_rng(0)
-    with pytest.raises(FitError, match=r"8 .* 18 .*19 .* 9 "):
-        calibrate(dataset_of(robot, robot, rng, poses=8, noise_mm=0.1))
-    with pytest.raises(FitError, match=r"12 training poses give 11 equations"):
-        calibrate(dataset_of(robot, robot, rng, poses=12, noise_mm=0.1), FitOptions("distance"))
+def test_a_dataset_without_points_is_refused() -> None:
     with pytest.raises(FitError, match="no measured points"):
         calibrate(replace(simulated(), points=None))
 
@@ -210,8 +173,6 @@ def test_redundancy_of_distances_loses_what_turns_the_base() -> None:
     assert distance.rank == 19
     assert {"d1", "theta1", "beta1"} <= set(distance.no_influence)
     assert not {"d1", "theta1"} & set(position.no_influence)
-    with pytest.raises(FitError, match="no residual named"):
-        redundancy(dataset, residual="angles")
 
 
 def test_jangs_table_3_explains_his_arm() -> None:
@@ -244,29 +205,6 @@ def test_table_1_recomputed_from_its_rows() -> None:
     assert round(float(deviations.max()), 2) == 0.09
 
 
-def test_repeats_are_found_and_pooled() -> None:
-    rng = np.random.default_rng(0)
-    dataset = simulated()
-    poses = replace(dataset.poses, q=np.repeat(dataset.poses.q[:16], 4, axis=0))
-    centre = np.repeat(rng.normal(size=(16, 3)) * 100, 4, axis=0)
-    points = Points(np.arange(64), centre + 0.03 * rng.normal(size=(64, 3)), np.full(64, "jig"))
-    found = find_repeats(replace(dataset, poses=poses, points=points))
-    assert [r.count for r in found] == [4] * 16
-    assert pooled_sigma_mm(found) == pytest.approx(0.03, rel=0.2)
-    assert find_repeats(dataset) == ()
-
-
-@pytest.mark.thorough
-def test_data_of_another_arm_fail_the_check_whatever_the_improvement() -> None:
-    dataset = simulated()
-    assert dataset.points is not None
-    points = dataset.points
-    scattered = np.random.default_rng(0).normal(size=points.xyz_mm.shape) * 300.0
-    verdict = check(dataset.with_points(Points(points.pose, scattered, points.target)))
-    assert not verdict.passed
-    assert "describe" in " ".join(map(item_sentence, verdict.failed))
-
-
 @pytest.mark.slow
 def test_check_passes_fails_and_says_why() -> None:
     verdict = check(simulated())
@@ -280,18 +218,11 @@ def test_check_passes_fails_and_says_why() -> None:
 
 
 @pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the real measurements are not part of the project")
-@pytest.mark.parametrize(("name", "limit_mm"), [("mukca_panda_2_clean", 0.235), ("mukca_panda_1", 0.85)])
-def test_real_arms_reach_the_floor_of_an_independent_fit(name: str, limit_mm: float) -> None:
-    result = calibrate(load_dataset(SHARED_DATA / name))
+def test_a_real_arm_reaches_the_floor_of_an_independent_fit() -> None:
+    """Others are among the sample datasets."""
+    result = calibrate(load_dataset(SHARED_DATA / "mukca_panda_1"))
     assert result.after.test is not None
-    assert result.after.test.rmse_mm <= limit_mm
-
-
-def test_observations_are_the_training_poses() -> None:
-    dataset = simulated()
-    observed = Observations.of(dataset)
-    assert len(observed.points) == 51
-    assert geometric_model(dataset.robot).parameters[0].name == "a1"
+    assert result.after.test.rmse_mm <= 0.85
 
 
 @pytest.mark.slow

@@ -11,8 +11,6 @@ from calib import calibrate, check, diagnose
 from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Points, Scanner
-from calib.diagnosis.headline import headline_of
-from calib.present.fit import error_headline as headlines
 from calib.present.fit.residuals import LENGTH, band_note, noise_and_size, shown
 from calib.present.over_time.checks import item_sentence
 from inspector.figures import error_history
@@ -64,7 +62,7 @@ def test_else_it_is_what_the_fit_left_and_bands_and_counts_are_those_of_a_declar
 
 
 @pytest.mark.slow
-def test_page_figures_headline_and_check_say_where_it_comes_from() -> None:
+def test_page_figures_and_check_say_where_it_comes_from() -> None:
     dataset = undeclared(arm(3))
     fit = calibrate(dataset)
     errors = pose_errors_of(fit)
@@ -74,13 +72,7 @@ def test_page_figures_headline_and_check_say_where_it_comes_from() -> None:
     assert note.startswith("Grey: where noise as the fit left it (")
     assert "19 of 20" in note
     assert "1.000 mm" not in note
-    headline = headline_of([fit])
-    assert "noise as the fit left it" in headlines.noise(headline)
-    assert "not declared" in headlines.noise(headline)
-    assert "declares no noise" in headlines.note(headline)
-    assert not headline.reached_noise
-    found = diagnose(dataset)
-    names = [trace.name for trace in error_history(found).data]
+    names = [trace.name for trace in error_history(diagnose(dataset, max_steps=0)).data]
     assert "noise as the fit left it, 95 %" in names
     checked = {item.name: item_sentence(item) for item in check(dataset).items}
     assert "noise as the fit left it; no sigma is declared" in checked["residual"]
