@@ -7,7 +7,7 @@ import inspect
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +78,7 @@ def test_datasets_are_taken_as_paths(dataset: calib.Dataset) -> None:
 @pytest.mark.slow
 def test_corners_are_found_where_a_dataset_holds_scans_only() -> None:
     scans = calib.load_dataset(ROOT / "sample_data" / "rb5_jang")
-    some = scans.leave_out([one for k, one in enumerate(scans.poses.ids) if k % 2 and not scans.poses.is_test[k]])
+    some = scans.leave_out([one for k, one in enumerate(scans.poses.ids) if k % 3])
     fit = calib.calibrate(some)
     assert fit.after.test is not None
     assert fit.before.test is not None
@@ -188,13 +188,6 @@ def test_a_result_does_everything_with_itself(which: str, request: pytest.Fixtur
     assert isinstance(calib.compare(result, CELL), calib.Comparison)
     with pytest.raises(FitError, match="leave out x and known"):
         calib.corrected_joints(CELL, result, q, x=[0.0])
-
-
-def test_a_robot_is_not_written_where_the_fit_is_no_improvement(fit: calib.Calibration, tmp_path: Path) -> None:
-    worse = replace(fit, model=replace(fit.model, effects=fit.model.effects[:1]), before=fit.after, after=fit.before)
-    with pytest.raises(FitError, match="got worse"):
-        worse.save_robot(tmp_path / "robot.toml")
-    assert not (tmp_path / "robot.toml").exists()
 
 
 # ---- representations ------------------------------------------------------------------------------------------------

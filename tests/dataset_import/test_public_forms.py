@@ -13,7 +13,7 @@ import pytest
 
 from calib.text_files.user_table import parse_table
 from inspector.cli.parser import main
-from tests.support.public_forms import DEG, NOMINAL, POINTS, Array, Cells, Form, J, Q, names, require_import, text
+from tests.support.public_forms import DEG, NOMINAL, POINTS, Array, Cells, Form, J, Q, require_import, text
 from tests.support.recorded_run import NAMES, robot_toml
 
 
@@ -131,11 +131,6 @@ POSES: dict[str, Form] = {
             *([name, *row[1:]] for name, row in zip(IDS, TURNED, strict=True)),
         ]
     ),
-    "sheets of joints and points": book(
-        Info=[["Project", "a", "b"], ["Robot", "c", "d"]],
-        Joints=[["No", *J], *([k, *row[1:7]] for k, row in enumerate(TURNED))],
-        Tracker=[["No", "X", "Y", "Z"], *([k, *row[7:]] for k, row in enumerate(TURNED))],
-    ),
     "lists in cells": one(
         ["pose,joints,point"],
         [IDS, [f'"{LIST(", ".join(map(str, q)))}"' for q in Q], [f'"{LIST(" ".join(map(str, p)))}"' for p in POINTS]],
@@ -169,10 +164,6 @@ def test_public_forms_are_imported_without_a_mapping(name: str, tmp_path: Path) 
 
 REFUSED = {
     "no names": (one([], [*POINTS.T, *NOMINAL.T, *DEG.T]), "write a line of names above them"),
-    "two sets": (
-        one([names("left_q{}", "right_q{}") + ",x,y,z"], [*Q.T, *Q.T, *POINTS.T]),
-        "found 2 sets of joint columns",
-    ),
 }
 
 

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.robot_toml import builtin_robot, robot_to_toml
-from calib.dataset_import.columns import parsed_mapping
-from calib.dataset_import.import_dataset import import_dataset
 from calib.errors import CalibError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from inspector.cli.parser import main
@@ -77,26 +75,6 @@ def test_long_files_are_no_hang(tmp_path: Path, name: str) -> None:
     with pytest.raises(CalibError) as caught:
         read_robot(path)
     assert len(str(caught.value)) < 2000
-
-
-@pytest.mark.parametrize("count", COUNTS)
-@pytest.mark.thorough
-def test_a_damaged_table_is_imported_or_refused_whole(tmp_path: Path, count: int) -> None:
-    rng, robot = np.random.default_rng(2), builtin_robot("rb5")
-    rows = [",".join(map(repr, map(float, row))) for row in rng.uniform(-1, 1, (12, 9)) * ([1] * 6 + [500] * 3)]
-    text = "\n".join(["pose,q1,q2,q3,q4,q5,q6,x,y,z", *(f"p{i},{row}" for i, row in enumerate(rows))])
-    table = tmp_path / "log.csv"
-    for i in range(count):
-        table.write_bytes(mutated(text.encode(), rng))
-        out = tmp_path / f"cell{i}"
-        said = ""
-        try:
-            import_dataset(out, robot, table, mapping=parsed_mapping(["x=x_mm", "y=y_mm", "z=z_mm"]))
-        except CalibError as error:
-            said = str(error)
-        assert not said or str(tmp_path) in said or "--map" in said, said
-        assert out.exists() != bool(said)
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def assert_same(one: np.ndarray, other: np.ndarray) -> None:
     assert np.abs(one[:, :3, :3] - other[:, :3, :3]).max() < 1e-12
 
 
-COUNTS = [60, pytest.param(300, marks=pytest.mark.slow)]
+COUNTS = [60, pytest.param(300, marks=pytest.mark.thorough)]
 
 
 @pytest.mark.parametrize("count", COUNTS)

@@ -20,7 +20,6 @@ from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
 from calib.present.cause.verdict import advice as advice_words
 from calib.present.cause.verdict import fault as fault_words
-from calib.present.fit.curves import curve_blocks
 from calib.rendering.blocks import plain
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -165,12 +164,6 @@ def test_values_are_told_as_people_read_them(fitted: Calibration) -> None:
     over_torque = replace(curve, is_revolute=False, input_unit="Nm")
     assert over_torque.unit == "mm"
     assert (over_torque.scale, over_torque.input_scale) == (1.0, 1.0)
-
-
-def test_a_fit_without_curves_has_none_to_tell(ranked: Session) -> None:
-    assert ranked.calibration is not None
-    assert fitted_curves(ranked.calibration) == ()
-    assert curve_blocks(ranked.calibration) == []
 
 
 @pytest.mark.thorough
