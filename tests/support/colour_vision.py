@@ -47,11 +47,6 @@ def lab(light: ArrayLike) -> Array:
     return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
 
 
-def lightness(colours: ArrayLike) -> Array:
-    """CIE L* of sRGB colours (N, 3), 0-255."""
-    return np.asarray(lab(linear(colours))[..., 0])
-
-
 def difference(one: str, other: str, eyes: str) -> float:
     """Perceived difference of two colours by the given eyes: about 2 can just be told, 20 at a glance."""
     a, b = (lab(np.clip(linear(rgb(c)) @ EYES[eyes].T, 0, 1)) for c in (one, other))

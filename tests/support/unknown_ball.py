@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.statistics import rms_length
+from tests.support.chains import joint, link, urdf_of
+from tests.support.scenarios import shop
 
 UR_LIKE = (
     ("0 0 0.1807", "0 0 0", "0 0 1"),
@@ -47,14 +49,7 @@ def numbers(text: str) -> np.ndarray:
 
 def turned(rpy: np.ndarray) -> np.ndarray:
     """(3, 3) about the fixed x, then y, then z axis."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    return shop.placed((0.0, 0.0, 0.0), tuple(rpy))[:3, :3]
 
 
 def about(axis: np.ndarray, angle: float) -> np.ndarray:
@@ -96,46 +91,27 @@ class Arm:
 
 
 def urdf_text(joints: tuple[tuple[str, str, str], ...]) -> str:
-    lines = ['<?xml version="1.0"?>', '<robot name="arm">', '  <link name="base_link"/>']
-    parent = "base_link"
-    for k, (xyz, rpy, axis) in enumerate(joints, 1):
-        lines += [
-            f'  <link name="link_{k}"/>',
-            f'  <joint name="joint_{k}" type="revolute">',
-            f'    <parent link="{parent}"/>',
-            f'    <child link="link_{k}"/>',
-            f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
-            f'    <axis xyz="{axis}"/>',
-            '    <limit lower="-6.2" upper="6.2" effort="100" velocity="2"/>',
-            "  </joint>",
-        ]
-        parent = f"link_{k}"
-    lines += [
-        '  <link name="ee_link"/>',
-        '  <joint name="ee_fixed_joint" type="fixed">',
-        f'    <parent link="{parent}"/>',
-        '    <child link="ee_link"/>',
-        f'    <origin xyz="{TIP[0]}" rpy="{TIP[1]}"/>',
-        "  </joint>",
-        "</robot>",
-        "",
+    names = ["base_link", *(f"link_{k}" for k in range(1, len(joints) + 1)), "ee_link"]
+    moving = [
+        joint(f"joint_{k}", names[k - 1], names[k], xyz, rpy, axis) for k, (xyz, rpy, axis) in enumerate(joints, 1)
     ]
-    return "\n".join(lines)
+    fixed = joint("ee_fixed_joint", names[-2], names[-1], *TIP, type="fixed")
+    return urdf_of("".join(map(link, names)), "".join([*moving, fixed]))
 
 
 def read_urdf(text: str) -> Arm:
     """The arm of a URDF as `urdf_text` writes it, whatever its origins have become."""
-    joints = {joint.get("name"): joint for joint in ET.fromstring(text).findall("joint")}
+    joints = {one.get("name"): one for one in ET.fromstring(text).findall("joint")}
 
-    def origin(joint: ET.Element) -> np.ndarray:
-        found = joint.find("origin")
+    def origin(of: ET.Element) -> np.ndarray:
+        found = of.find("origin")
         assert found is not None
         return placed(1e3 * numbers(found.get("xyz", "")), turned(numbers(found.get("rpy", ""))))
 
     moving = [joints[name] for name in sorted(joints) if re.fullmatch(r"joint_\d", name or "")]
     axes = []
-    for joint in moving:
-        axis = joint.find("axis")
+    for one in moving:
+        axis = one.find("axis")
         assert axis is not None
         axes.append(numbers(axis.get("xyz", "")))
     tip = origin(joints["ee_fixed_joint"])

@@ -26,11 +26,6 @@ class Found:
         """Effects that are claimed as the cause."""
         return set(self.document.get("missing", ())) if self.document.get("verdict") == "named" else set()
 
-    @property
-    def is_data_problem(self) -> bool:
-        """Whether the sheet or the table is told to be wrong."""
-        return self.document.get("data_problem") is not None
-
 
 @dataclass(frozen=True)
 class Scenario:
