@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from calib.calibration.plausibility import fit_without_outliers
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.folder import load_dataset
+from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model, geometric_model
@@ -25,6 +27,7 @@ from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings, outlier_hint
 from calib.simulation.simulate import simulate_dataset
 from calib.statistics import chi2_ppf
+from inspector.cli.parser import main
 from tests.support import ROOT
 from tests.support.fit_cases import SIGMA_RAD, full_poses, seated, with_pose_covariances
 from tests.support.sweeps import sweep
@@ -155,6 +158,30 @@ def test_a_weight_is_one_of_all_six_coordinates() -> None:
     whole = make_residuals("pose", model, seen).residual(x)
     quarter = make_residuals("pose", model, weighted(seen, np.full(len(seen.points), 0.25))).residual(x)
     np.testing.assert_allclose(quarter, 0.5 * whole, atol=1e-6 * np.abs(whole).max())
+
+
+@pytest.mark.slow
+def test_the_command_takes_robust_poses_and_names_those_that_do_not_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dataset, _ = arm(6)
+    point = int(np.flatnonzero(~dataset.poses.is_test)[5])
+    wrong = spoiled(dataset, point, turn=Rotation.from_rotvec([0.03, 0.0, 0.0]))
+    write_dataset(wrong, tmp_path / "wrong")
+    assert main(["calibrate", str(tmp_path / "wrong"), "--residual", "pose", "--robust", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    (warning,) = (w for w in document["warnings"] if "stands out of all others" in w)
+    assert dataset.poses.ids[point] in warning
+    by_library = calibrate(wrong, FitOptions("pose", robust=True))
+    assert document["sigma_mm"] == pytest.approx(by_library.sigma_mm, rel=1e-4)
+    # The test poses tell that the arm is as good as without the wrong pose; the plain fit is not.
+    best, bad = (
+        calibrate(dataset, FitOptions("pose")).after.test,
+        calibrate(wrong, FitOptions("pose")).after.test,
+    )
+    assert best is not None
+    assert bad is not None
+    assert document["test"]["rmse_mm"] < 1.1 * best.rmse_mm < bad.rmse_mm
 
 
 # ---- positions ------------------------------------------------------------------------------------------------------
