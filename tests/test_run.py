@@ -163,28 +163,6 @@ def test_a_python_that_is_not_there_is_told_not_replaced(sandbox: Sandbox):
 
 
 @pytest.mark.thorough
-def test_a_test_install_serves_too_but_not_the_other_way_round(sandbox: Sandbox):
-    sandbox.run("check", "x")
-    _, calls = sandbox.run("test")
-    assert any(call.endswith("--editable .[scans,page,test]") for call in calls)
-    assert not any("-m venv" in call for call in calls), "a healthy .venv is kept"
-    (sandbox.project / ".venv" / ".base-installed").unlink()
-    _, calls = sandbox.run("check", "x")
-    assert calls == ["-P -m inspector check x"]
-
-
-@pytest.mark.thorough
-def test_fleet_installs_what_it_needs_beside_which_is_all_that_others_need(sandbox: Sandbox):
-    _, calls = sandbox.run("fleet", "x")
-    assert any(call.endswith("--editable .[scans,page,fleet]") for call in calls)
-    assert inspector_call(calls) == "fleet x"
-    _, calls = sandbox.run("check", "x")
-    assert calls == ["-P -m inspector check x"]
-    _, calls = sandbox.run("fleet", "x")
-    assert calls == ["-P -m inspector fleet x"]
-
-
-@pytest.mark.thorough
 def test_docs_are_built_with_what_they_need_and_a_fault_in_them_is_a_failure(sandbox: Sandbox):
     done, calls = sandbox.run("docs")
     assert any(call.endswith("--editable .[scans,page,docs]") for call in calls)
@@ -315,14 +293,6 @@ def test_locked_installs_the_lock_alone_and_each_way_keeps_its_stamp(sandbox: Sa
 
 
 @pytest.mark.thorough
-def test_locked_without_a_lock_is_a_failed_installation(sandbox: Sandbox):
-    done, calls = sandbox.run("check", "x", LOCKED="1", PIP_EXIT="1", PIP_SAYS="ERROR: THESE PACKAGES DO NOT MATCH")
-    assert done.returncode == 1
-    assert "DO NOT MATCH" in done.stderr
-    assert not any("--editable" in call for call in calls), "nothing is installed beside what failed"
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("pip_says", "expected", "starts_afresh"),
     [
@@ -343,20 +313,6 @@ def test_a_failed_installation_says_so_and_the_next_call_mends_it(
     assert done.returncode == 0
     assert any("-m venv" in call for call in calls) == starts_afresh
     assert inspector_call(calls) == "check x"
-
-
-@pytest.mark.thorough
-def test_a_killed_installation_starts_afresh(sandbox: Sandbox):
-    sandbox.run("check", "x")
-    venv = sandbox.project / ".venv"
-    (venv / ".installing").touch()
-    (venv / ".base-installed").unlink()
-    (venv / "lib").mkdir()
-    (venv / "lib" / "half a package").touch()
-    done, calls = sandbox.run("check", "x")
-    assert "did not finish" in done.stderr
-    assert any("-m venv" in call for call in calls)
-    assert not (venv / "lib").exists()
 
 
 @pytest.mark.thorough
@@ -397,16 +353,6 @@ def test_without_the_right_to_install_it_prints_the_line_to_type(sandbox: Sandbo
     done, _ = sandbox.run("test", CHROMIUM="no-such-browser")
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].strip().endswith("--no-install-recommends chromium fonts-dejavu-core")
-
-
-@pytest.mark.thorough
-def test_without_the_right_to_install_a_bare_system_needs_one_line_only(sandbox: Sandbox):
-    sandbox.program("apt-get", "#!/bin/sh\nexit 9\n")
-    sandbox.program("id", "#!/bin/sh\necho 1000\n")
-    done, _ = sandbox.run("test", ENSUREPIP_EXIT="1", CHROMIUM="no-such-browser")
-    assert done.returncode == 1
-    words = done.stderr.splitlines()[-1].split()
-    assert {"python3.11-venv", "libegl1", "chromium"} <= set(words)
 
 
 @pytest.mark.thorough

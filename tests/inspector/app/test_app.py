@@ -115,19 +115,6 @@ def slow_searches(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("slow_searches")
-def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None:
-    with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
-        page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
-        page.trigger("Next pose")
-        page.wait(lambda p: f"2 of {POSES}," in plain(p) and plain(p).count("face 1") >= 2)
-        assert app.worker.running("open")  # and the search goes on
-        done = len(session(app).searches)
-        assert 2 <= done < POSES
-        page.wait(lambda p: f"of {POSES} corners found" in plain(p), 30)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("slow_searches")
 def test_the_search_can_be_stopped_and_goes_on_where_it_was(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         page.wait(lambda p: "Searching corners: 2" in plain(p), 30)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from inspector.app.app import App
-from tests.support.browser import node_drawn, open_tab
+from tests.support.browser import open_tab
 from tests.support.clicks import joint_selected, selected
 
 # The id of a point that Plotly has drawn: of the trace's list, by the point's index.
@@ -40,21 +40,6 @@ def test_a_bar_selects_its_pose(page: Any, app: App) -> None:
     selected(page, app, pose_id)
 
 
-@pytest.mark.thorough
-def test_a_row_of_the_parameters_selects_its_joint_everywhere(page: Any, app: App) -> None:
-    open_tab(page, "Fit")
-    row = page.locator('tr[data-ask="joint"][data-value="3"]:visible').first
-    row.scroll_into_view_if_needed()
-    row.click()
-    joint_selected(page, app, 3)
-    assert row.evaluate("row => getComputedStyle(row).backgroundColor") != "rgba(0, 0, 0, 0)"
-    node_drawn(page, "/scene/arm/axis")
-    assert str(app.panels.residuals.what.value).startswith("apparent motion of joint 3")
-    assert str(app.panels.residuals.against.value).startswith("joint 3 angle")
-    page.keyboard.press("Escape")
-    joint_selected(page, app, None)
-
-
 def test_the_keyboard_selects_and_lets_go(page: Any, app: App) -> None:
     open_tab(page, "Fit")
     row = page.locator('tr[data-ask="joint"][data-value="2"]:visible').first
@@ -76,24 +61,6 @@ def test_a_name_in_a_sentence_selects_its_pose_or_joint(page: Any, app: App) -> 
     page.locator('a[data-ask="joint"][data-value="5"]:visible').first.click()
     joint_selected(page, app, 5)
     app.worker.submit("say", lambda: app.panels.review.show_problem(""))
-    page.keyboard.press("Escape")
-    joint_selected(page, app, None)
-
-
-@pytest.mark.thorough
-def test_a_cell_of_the_heatmap_selects_the_joint_of_its_row(page: Any, app: App) -> None:
-    open_tab(page, "Redundancy")
-    plot = page.locator(".js-plotly-plot:visible").first
-    plot.scroll_into_view_if_needed()
-    x, y = plot.evaluate(
-        """plot => { const {xaxis, yaxis} = plot._fullLayout, box = plot.getBoundingClientRect();
-        const at = axis => axis._offset + axis.d2p("d4");
-        return [box.left + at(xaxis), box.top + at(yaxis)]; }"""
-    )
-    page.mouse.move(x - 3, y)
-    page.mouse.move(x, y)
-    page.mouse.click(x, y)
-    joint_selected(page, app, 4)
     page.keyboard.press("Escape")
     joint_selected(page, app, None)
 

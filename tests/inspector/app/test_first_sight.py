@@ -11,8 +11,7 @@ from calib.calibration.model_versions import LINKS, NOMINAL
 from calib.present.fit.error_headline import stage_error
 from inspector.app.app import App
 from inspector.server.viser_server import url_of
-from tests.support.app import IDLE_S
-from tests.support.browser import MS, node_drawn, open_page, open_tab
+from tests.support.browser import MS, open_page, open_tab
 from tests.support.tiny_dataset import write_tiny
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -51,23 +50,6 @@ def test_the_headline_stands_over_the_view_and_its_stages_show_their_model(page:
         stage.click()
         until(page, lambda version=version: app.state.now.version.name == version)  # type: ignore[union-attr]
         bar.locator(".headline-stage").nth(number).and_(page.locator('[aria-pressed="true"]')).wait_for()
-
-
-@pytest.mark.thorough
-def test_the_view_follows_the_tabs_unless_it_is_kept(page: Any, app: App) -> None:
-    open_tab(page, "Planes")
-    until(page, lambda: app.stage.view_name == "Planes")
-    node_drawn(page, "/scene/groups/discs")
-    open_tab(page, "Fit")
-    until(page, lambda: app.stage.view_name == "Arm")
-    page.get_by_label("Keep this view").check()
-    until(page, lambda: app.stage._camera.kept)
-    open_tab(page, "Corner")
-    page.wait_for_timeout(300)
-    assert app.worker.wait_idle(IDLE_S)
-    assert app.stage.view_name == "Arm"
-    page.get_by_label("Keep this view").uncheck()
-    until(page, lambda: not app.stage._camera.kept)
 
 
 def test_a_step_of_the_work_opens_its_tab(page: Any) -> None:

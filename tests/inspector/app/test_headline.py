@@ -17,7 +17,6 @@ from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Doing, Progress
 from inspector.session.session import Session
 from inspector.session.view import View
 from tests.support.app import IDLE_S, plain
-from tests.support.hidden_dataset import HIDDEN
 from tests.support.tiny_dataset import write_tiny
 from tests.support.wire_client import WireClient
 
@@ -58,18 +57,6 @@ def test_the_next_step_is_lit_and_starts_to_find(app: App) -> None:
     assert 'data-tab="Learn/What is missing"' in html
     assert 'data-ask="find"' not in headline_html(app.state.now, Doing(finding=True, words="Looking …"))
     assert "Looking …" in headline_html(app.state.now, Doing(finding=True, words="Looking …"))
-
-
-@pytest.mark.thorough
-def test_what_was_found_is_a_stage_and_taking_away_is_next(app: App) -> None:
-    with WireClient(app.server.get_port()) as page:
-        app.find(True)
-        assert app.worker.wait_idle(IDLE_S)
-        page.wait(lambda p: f"with {HIDDEN}" in plain(p) and steps_of(p.text()).get(TAKE) == "next")
-        assert steps_of(page.text())[FIND] == "done"
-    told = app.state.session.headline
-    assert told is not None
-    assert len(told.stages) == 3
 
 
 def test_the_bar_divides_the_error_between_the_causes_of_the_model_on_show(app: App) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from inspector.app.app import App
-from inspector.panels.learn.missing_effects import UNDO
 from inspector.panels.review import LEAVE_OUT, TAKE_IN
 from tests.support.app import IDLE_S
 from tests.support.browser import MS, open_tab, says
@@ -31,20 +30,6 @@ def test_a_pose_is_left_out_by_its_button_and_said_everywhere(page: Any, app: Ap
     says(page, "no figure takes it")
     open_tab(page, "What is missing")
     says(page, f"− pose {POSE}: the test error is")
-    assert app.worker.wait_idle(IDLE_S)
-    assert app.state.session.uncounted == {POSE}
-
-
-def test_the_keys_work_from_a_list_that_was_used_last(page: Any, app: App) -> None:
-    """A list keeps the focus, and viser takes no key from an input."""
-    page.get_by_role("combobox", name="Effect").click()
-    page.get_by_role("option").nth(2).click()
-    page.keyboard.press("Control+z")
-    button(page, LEAVE_OUT).wait_for(timeout=MS)
-    button(page, "Redo").wait_for(timeout=MS)
-    assert button(page, UNDO).count() == 0  # nothing to undo any more
-    page.keyboard.press("Control+y")
-    button(page, TAKE_IN).wait_for(timeout=MS)
     assert app.worker.wait_idle(IDLE_S)
     assert app.state.session.uncounted == {POSE}
 

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calib.scans.scan import Scan, load_scan, write_scan
-from inspector.app.app import App
 from inspector.cli.parser import main
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.hidden_dataset import HIDDEN, write_hidden
-from tests.support.tiny_dataset import write_tiny
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow
@@ -68,39 +64,6 @@ def test_the_command_says_so_too(tmp_path: Path, ending: str, capsys: pytest.Cap
     said = capsys.readouterr()
     assert said.out == ""
     assert "effect Mine: `apply`" in said.err
-
-
-@pytest.fixture(scope="module")
-def scanned(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_tiny(tmp_path_factory.mktemp("datasets"))
-
-
-@pytest.fixture
-def opened(scanned: Path, tmp_path: Path) -> Iterator[tuple[App, Path]]:
-    folder = tmp_path / "cell"
-    shutil.copytree(scanned / "cell", folder)
-    with idle_app(folder) as app:
-        yield app, folder
-
-
-@pytest.mark.thorough
-def test_a_scan_that_changes_under_the_page_is_told_and_not_drawn(opened: tuple[App, Path]) -> None:
-    app, folder = opened
-    first, second = sorted((folder / "scans").iterdir())[:2]
-    scan = load_scan(second)
-    write_scan(second, Scan(scan.name, scan.points_mm[:50]))
-    first.unlink()
-    with WireClient(app.server.get_port()) as page:
-        for pose, says in (
-            (2, "3 of"),
-            (0, "no such file"),
-            (1, "has changed since it was searched"),
-            (0, "no such file"),
-        ):
-            app.select(pose)
-            assert app.worker.wait_idle(IDLE_S)
-            shows(page, says)
-        assert not page.notifications
 
 
 def test_a_dataset_that_cannot_be_read_stops_no_other(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import shutil
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,28 +13,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calib import calibrate
 from calib.dataset.dataset import Orientations
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.effect_selection import GEOMETRY
-from calib.errors import FitError
-from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
-from calib.options import FitOptions
 from calib.present.fit.corners import face_labelling
 from calib.rendering import numbers
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
-from inspector.app.serving import serving
 from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv
 from inspector.session import measuring
 from inspector.session import transitions as sessions
-from inspector.session.reopening import opening, reopened
 from inspector.session.session import Session
-from inspector.session.session_file import load_session, save_session
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.tiny_dataset import scanned_cell
 from tests.support.wire_client import WireClient
@@ -79,22 +71,6 @@ def fit(page: WireClient, residual: str) -> None:
     page.click("Calibrate")
 
 
-class Gate:
-    """Naming that counts its calls and waits until it may go on."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.calls = 0
-        self.begun = threading.Event()
-        self.open, self._name = threading.Event(), measuring.find_face_labels
-        monkeypatch.setattr(measuring, "find_face_labels", self)
-
-    def __call__(self, session: Session) -> FaceLabels:
-        self.calls += 1
-        self.begun.set()
-        assert self.open.wait(IDLE_S)
-        return self._name(session)
-
-
 # ---- full poses from scans ------------------------------------------------------------------------------------------
 
 
@@ -131,130 +107,10 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     pd.testing.assert_frame_equal(pd.read_csv(io.BytesIO(content)), pd.read_csv(io.StringIO(corners_csv(full))))
 
 
-@pytest.mark.thorough
-def test_an_effect_and_the_way_back_keep_the_full_poses(app: App, page: WireClient) -> None:
-    fit(page, "pose")
-    page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)
-    assert app.worker.wait_idle(IDLE_S)
-    names, screening = session(app).face_labels, session(app).screening
-    assert screening is not None
-    effect = next(c.name for c in screening.candidates if c.members)
-    app.add_effect(effect)
-    assert app.worker.wait_idle(IDLE_S)
-    assert [added.name for added in session(app).effects] == [effect]
-    assert session(app).calibration.residual == "pose"  # type: ignore[union-attr]
-    for residual in ("pose", "position"):
-        app.move(-1)
-        assert app.worker.wait_idle(IDLE_S)
-        now = session(app)
-        assert now.calibration is not None
-        assert now.calibration.residual == residual
-        assert now.face_labels is names
-    points = session(app).measured.points
-    assert points is not None
-    assert points.orientations is None
-
-
 # ---- nobody waits for names that he did not ask for -----------------------------------------------------------------
 
 
-@pytest.mark.thorough
-def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gate = Gate(monkeypatch)
-    with serving(folder / "cell", port=0) as app, WireClient(app.server.get_port()) as page:
-        page.wait(lambda p: app.state.view is not None and session(app).residual_tests is not None, 60.0)
-        shows(page, "faces named")
-        fit(page, "pose")
-        page.wait(lambda p: p.has("Calibrating …"), 30.0)
-        assert gate.begun.wait(IDLE_S)  # the button says so before the work is handed to its thread
-        assert gate.calls == 1
-        page.trigger("Next pose")  # the page goes on meanwhile
-        shows(page, f"2 of {POSES}")
-        assert session(app).calibration.residual == "position"  # type: ignore[union-attr]
-        gate.open.set()
-        shows(page, "pose, ", "pose can be fitted")
-        assert app.worker.wait_idle(IDLE_S)
-        assert session(app).calibration.residual == "pose"  # type: ignore[union-attr]
-        before = session(app).calibration
-        page.wait(lambda p: p.has("Calibrate"))
-        assert page.props("Calibrate")["disabled"]  # the same once more would change nothing
-        app.calibrate("pose")
-        page.wait(lambda p: session(app).calibration is not before, 30.0)
-        assert app.worker.wait_idle(IDLE_S)
-        assert gate.calls == 1
-
-
-@pytest.mark.thorough
-def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    gate = Gate(monkeypatch)
-    with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
-        app.open("cell")
-        page.wait(lambda p: app.state.name == "cell" and session(app).residual_tests is not None, 60.0)
-        fit(page, "pose")
-        assert gate.begun.wait(IDLE_S)
-        page.set("Dataset", "points")
-        page.wait(lambda p: app.state.name == "points" and session(app).calibration is not None, 60.0)
-        gate.open.set()
-        assert app.worker.wait_idle(IDLE_S)
-        assert session(app).dataset.name == "points"
-        assert session(app).face_labels is None
-        assert session(app).calibration.residual == "position"  # type: ignore[union-attr]
-        page.wait(lambda p: p.has("Calibrate"))
-        assert page.value("Fit") == "position"
-        assert "pose" not in page.props("Fit")["options"]
-
-
 # ---- where there are no full poses ----------------------------------------------------------------------------------
-
-
-@pytest.mark.thorough
-def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder: Path) -> None:
-    with idle_app(folder / "contradicted") as app, WireClient(app.server.get_port()) as page:
-        first = session(app).calibration
-        assert first is not None
-        said = "training poses, and full poses need half of them: the nominal robot predicts another orientation"
-        shows(
-            page,
-            "pose cannot be fitted: the jig's faces can be told apart at ",
-            said,
-            "of the last joint above all",
-            "or fit positions",
-        )
-        assert "pose" not in page.props("Fit")["options"]
-        app.calibrate("pose")
-        page.wait(lambda p: p.notifications, 30.0)
-        reason = page.notifications[-1]["props"]["body"]
-        assert said in reason
-        assert app.worker.wait_idle(IDLE_S)
-        assert session(app).calibration is first
-        dataset, searches = load_dataset(folder / "contradicted"), session(app).searches
-    with pytest.raises(FitError) as refusal:  # as the command does it
-        calibrate(with_corners(dataset, searches, orientation=True), FitOptions("pose"))
-    assert str(refusal.value) == reason
-
-
-@pytest.mark.thorough
-def test_poses_that_were_chosen_for_one_dataset_are_not_the_next_ones(folder: Path) -> None:
-    with idle_app(folder) as app, WireClient(app.server.get_port()) as page:
-        app.open("cell")
-        assert app.worker.wait_idle(IDLE_S)
-        fit(page, "pose")
-        page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)
-        assert app.worker.wait_idle(IDLE_S)
-        page.set("Dataset", "points")
-        page.wait(lambda p: app.state.name == "points", 30.0)
-        assert app.worker.wait_idle(IDLE_S)
-        assert session(app).calibration.residual == "position"  # type: ignore[union-attr]
-        page.wait(lambda p: p.value("Fit") == "position")
-        shows(page, "(qw, qx, qy, qz)")
-        assert page.props("Fit")["options"] == page.props("Measured")["options"]
-        assert "pose" not in page.props("Fit")["options"]  # full poses only where there are any
-        assert not page.notifications
-        page.set("Dataset", "cell")
-        page.wait(lambda p: p.value("Fit") == "pose", 30.0)
-        assert "pose" in page.props("Measured")["options"]
 
 
 def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) -> None:
@@ -299,25 +155,3 @@ def test_a_session_names_what_a_fit_of_full_poses_needs_and_nothing_else(searche
     assert points.orientations.known.all()
     assert measuring.no_full_poses(full) == ""
     assert "found no orientation" in measuring.no_full_poses(searched)
-
-
-@pytest.mark.thorough
-def test_a_saved_fit_of_full_poses_from_scans_opens_again(searched: Session, folder: Path) -> None:
-    full = sessions.with_calibration(searched, "pose")
-    path = folder / "session.json"
-    save_session(path, full)
-    saved = load_session(path)
-    found, notes = opening(saved, folder)
-    assert notes == ()
-    fresh = replace(searched, dataset=load_dataset(found.folder), searches=dict(searched.searches))
-    again, notes = reopened(fresh, saved)
-    assert notes == ()
-    assert again.face_labels is not None
-    assert again.calibration is not None
-    assert full.calibration is not None
-    np.testing.assert_array_equal(again.calibration.fit.x, full.calibration.fit.x)
-    with idle_app(folder / "cell", saved=found) as app, WireClient(app.server.get_port()) as page:
-        shows(page, "pose, ", "attitude of the jig", "pose can be fitted")
-        assert session(app).face_labels is not None
-        np.testing.assert_array_equal(session(app).calibration.fit.x, full.calibration.fit.x)  # type: ignore[union-attr]
-        assert page.value("Fit") == "pose"

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from inspector.app.app import App
-from inspector.panels.review import DARK_OR_LIGHT
 from inspector.server.viser_server import url_of
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.browser import COARSE, MS, open_tab
@@ -119,20 +118,3 @@ def test_a_choice_is_kept_by_the_browser_and_the_address_begins_dark(app: App, c
         becomes(page, "dark")
         press_d(page)
         becomes(page, "light")
-
-
-@pytest.mark.thorough
-def test_button_and_command_turn_their_page(app: App, chromium: Any) -> None:
-    with theme_page(chromium, app, "light") as page, theme_page(chromium, app, "light") as other:
-        page.get_by_text("Display", exact=True).locator("visible=true").first.click()
-        page.get_by_role("button", name=DARK_OR_LIGHT).locator("visible=true").first.click()
-        becomes(page, "dark")
-        page.mouse.click(600, 650)
-        page.keyboard.press("Control+k")
-        page.wait_for_function("document.activeElement.tagName === 'INPUT'")
-        page.keyboard.type(DARK_OR_LIGHT)
-        page.get_by_role("button", name=DARK_OR_LIGHT).locator("visible=true").last.wait_for()
-        becomes(page, "dark")  # a "d" that is typed is a letter
-        page.keyboard.press("Enter")
-        becomes(page, "light")
-        becomes(other, "light")

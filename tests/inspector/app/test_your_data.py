@@ -22,7 +22,7 @@ from calib.robot_formats.urdf.text import plain_urdf
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.panels.your_data import CANCEL, OPEN, OWN_DATA, SIGMA, SIGMA_HELP, TOOL, TOOL_HELP
+from inspector.panels.your_data import CANCEL, OPEN, OWN_DATA
 from inspector.server.uploads import PART_BYTES
 from inspector.server.viser_server import url_of
 from inspector.session.session_file import session_text
@@ -145,43 +145,6 @@ def test_files_come_one_by_one_and_faults_go_as_they_are_mended(app: App, given:
 
 
 @pytest.mark.thorough
-def test_a_column_is_corrected(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
-    with WireClient(app.server.get_port()) as page:
-        send(page, "log.zip", packed(given))
-        page.wait(open_button)
-        page.wait(lambda p: p.value("A3") == "joint 3, deg, other way round")
-        page.set("A3", "joint 3, deg")
-        shows(page, "turns the other way")
-        page.set("A3", "joint 3, deg, other way round")
-        page.wait(lambda p: "turns the other way" not in plain(p) and open_button(p))
-        page.set("A2", "joint 1, deg")
-        shows(page, "both stand for q1")
-        page.set("A2", "joint 2, deg")
-        page.wait(open_button)
-        page.click(OPEN)
-        page.wait(lambda p: p.value("Dataset") == "log")
-
-
-@pytest.mark.thorough
-def test_a_ready_dataset_opens_as_it_is_and_no_name_is_taken_twice(app: App, served: Path, tmp_path: Path) -> None:
-    content = packed({f"cell/{path.name}": path.read_bytes() for path in served.iterdir() if path.is_file()})
-    with WireClient(app.server.get_port()) as page:
-        for name in ("cell", "cell_2"):
-            send(page, "cell.zip", content)
-            page.wait(open_button)
-            page.wait(lambda p, name=name: p.value("Name") == name)  # type: ignore[misc]
-            page.click(OPEN)
-            page.wait(lambda p, name=name: p.value("Dataset") == name)  # type: ignore[misc]
-        send(page, "cell.zip", content)
-        page.wait(open_button)
-        page.set("Name", "../cell")
-        page.click(OPEN)
-        shows(page, "of this name already")
-    assert (tmp_path / "data" / "cell" / "poses.csv").read_bytes() == (served / "poses.csv").read_bytes()
-    assert not (tmp_path / "cell").exists()
-
-
-@pytest.mark.thorough
 def test_what_is_no_data_is_told_to_the_page_that_sent_it(app: App, tmp_path: Path) -> None:
     with WireClient(app.server.get_port()) as page, WireClient(app.server.get_port()) as other:
         send(page, "bad.zip", b"PK no zip")
@@ -218,59 +181,6 @@ def test_hostile_names_and_values_stay_text_and_change_nothing(app: App, tmp_pat
         time.sleep(0.05)
 
 
-def spoilt(given: dict[str, bytes]) -> dict[str, bytes]:
-    """The files with a word in a row of joints, and without two of the points."""
-    joints = given["achsen.csv"].replace(b"\n3;", b"\n3;n/a ", 1)
-    points = b"\n".join(line for line in given["tracker.csv"].split(b"\n") if not line.startswith((b"11,", b"17,")))
-    return given | {"achsen.csv": joints, "tracker.csv": points}
-
-
-@pytest.mark.thorough
-def test_bad_rows_are_left_out_by_a_tick_and_told(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
-    tick = "Leave out 1 bad row"
-    with WireClient(app.server.get_port()) as page:
-        send(page, "log.zip", packed(spoilt(given)))
-        page.wait(lambda p: p.has(tick))
-        assert not open_button(page)
-        shows(page, "line 5, column A1")
-        page.set(tick, True)
-        page.wait(open_button)
-        shows(page, "39 poses, 37 points; 11 and 17 have no point", "achsen.csv: 1 of 40 rows is left out")
-        page.set(tick, False)
-        page.wait(lambda p: not open_button(p))
-        page.set(tick, True)
-        page.wait(open_button)
-        page.click(OPEN)
-        page.wait(lambda p: p.value("Dataset") == "log")
-        shows(page, "achsen.csv: 1 of 40 rows is left out")  # in the notes of the dataset
-    made = load_dataset(tmp_path / "data" / "log")
-    assert "3" not in made.poses.ids
-    assert any("line 5, column A1" in note for note in made.notes)
-
-
-@pytest.mark.thorough
-def test_sigma_and_tool_offset_are_asked_for(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
-    with WireClient(app.server.get_port()) as page:
-        send(page, "log.zip", packed(given))
-        page.wait(open_button)
-        shows(page, SIGMA_HELP, TOOL_HELP, "40 poses, 40 points.")
-        page.set(SIGMA, "a lot")
-        shows(page, "is no standard deviation")
-        page.wait(lambda p: not open_button(p))
-        page.set(SIGMA, "0,02")
-        page.wait(open_button)
-        page.set(TOOL, "0, 0")
-        shows(page, "is no point")
-        page.set(TOOL, "0, 0, 0.5")
-        shows(page, "the measured point is at 0, 0, 0.5 mm")
-        page.wait(open_button)
-        page.click(OPEN)
-        page.wait(lambda p: p.value("Dataset") == "log")
-    made = load_dataset(tmp_path / "data" / "log")
-    assert made.scanner.point_sigma_mm == 0.02
-    assert made.robot.own_tool_point is not None
-
-
 def without(robot_pose: str, app: App) -> str:
     """Text of a session in which a pose is left out, as *Take away* writes it; the page then has all poses again."""
     app.leave_out(robot_pose, True)
@@ -279,32 +189,6 @@ def without(robot_pose: str, app: App) -> str:
     app.leave_out(robot_pose, False)
     assert app.worker.wait_idle(IDLE_S)
     return text
-
-
-@pytest.mark.thorough
-def test_a_dropped_session_opens_on_the_listed_dataset(app: App) -> None:
-    text = without("p05", app)
-    with WireClient(app.server.get_port()) as page:
-        send(page, "session.json", text.encode())
-        page.wait(lambda p: any("p05 · " in option and "left out" in option for option in p.props("Pose")["options"]))
-        assert app.worker.wait_idle(IDLE_S)
-        assert app.state.session.uncounted == {"p05"}
-        assert not page.has(OPEN)
-        assert page.notifications == []
-
-
-@pytest.mark.thorough
-def test_a_session_opens_with_the_dataset_that_it_came_with(app: App, served: Path, tmp_path: Path) -> None:
-    text = without("p05", app)
-    content = {f"cell/{path.name}": path.read_bytes() for path in served.iterdir() if path.is_file()}
-    with WireClient(app.server.get_port()) as page:
-        send(page, "cell.zip", packed(content | {"session.json": text.encode()}))
-        page.wait(open_button)
-        shows(page, "is a session on this dataset", "45 poses, 45 points.")
-        page.click(OPEN)
-        page.wait(lambda p: p.value("Dataset") == "cell")
-        assert app.worker.wait_idle(IDLE_S)
-        assert (app.state.name, app.state.session.uncounted) == ("cell", {"p05"})
 
 
 @pytest.mark.thorough

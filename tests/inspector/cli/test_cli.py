@@ -17,14 +17,11 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import load_robot_toml
-from calib.measurement.measured_points import failed_searches
 from calib.models.model_file import load_model
 from calib.plugins import load
 from inspector.cli.commands import commands
 from inspector.cli.parser import main
-from inspector.session.measuring import open_session, with_search
 from tests.support.arms import dataset_of, jang_arm, perturbed
-from tests.support.tiny_dataset import write_tiny
 
 
 @pytest.fixture(scope="module")
@@ -151,26 +148,6 @@ def test_tolerances_holds_and_robust_fits_by_command(capsys: pytest.CaptureFixtu
     assert "position, pairs or pose" in refused(
         capsys, "calibrate", points_folder, "--robust", "--residual", "distance"
     )
-
-
-@pytest.mark.thorough
-def test_a_robust_fit_says_which_pose_it_left_out(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path
-) -> None:
-    table = pd.read_csv(own_points / "points.csv")
-    pose = table["pose"][20]
-    change(own_points / "points.csv", x_mm=table["x_mm"] + 30.0 * (table["pose"] == pose))
-    document = run_json(capsys, "calibrate", own_points, "--robust")
-    assert document["outliers"] == [pose]
-    assert any(f"{pose} (3" in warning for warning in document["warnings"])
-    good = run_json(capsys, "calibrate", points_folder)
-    assert document["test"]["rmse_mm"] == pytest.approx(good["test"]["rmse_mm"], rel=0.1)
-    assert not any("stands out" in warning for warning in good["warnings"])
-    # The plain fit points to the same pose, and check too.
-    for command in ("calibrate", "check"):
-        bent = run_json(capsys, command, own_points)
-        hint = f"1 pose stands out of all others, {pose} (3"
-        assert any(hint in warning for warning in bent["warnings"])
 
 
 def without_pose(folder: Path, pose: str) -> None:
@@ -370,20 +347,6 @@ def test_a_scan_file_that_cannot_be_read_is_a_failed_search_beside_others_and_ba
     assert says.lower() in line.lower()
     assert line.endswith("; 3 further scans cannot be read")
     assert not out.exists()
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_an_unreadable_scan_costs_its_own_pose_and_no_other(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    cell = write_tiny(tmp_path) / "cell"
-    lost = load_dataset(cell).poses.scan_names[7]
-    (cell / "scans" / lost).write_bytes(b"")
-    for command in ("calibrate", "check"):
-        assert main([command, str(cell), "--json"]) in (0, 1)
-        said = capsys.readouterr()
-        assert json.loads(said.out)
-        assert command == "check" or f"{Path(lost).stem} has no corner" in said.err
-    assert lost in failed_searches(with_search(open_session(cell), 7).searches)[Path(lost).stem]
 
 
 @pytest.mark.slow
@@ -591,14 +554,6 @@ def test_calibrate_with_the_effect_is_the_diagnosis_step(
     assert given["verdict"] == "adequate"
     assert "rust" in refused(capsys, "diagnose", hidden_folder, "--effect", "rust")
     assert "approach" in refused(capsys, "calibrate", hidden_folder, "--effect", "backlash")
-
-
-@pytest.mark.thorough
-def test_check_tells_what_is_missing_and_still_passes(capsys: pytest.CaptureFixture[str], hidden_folder: Path) -> None:
-    document = run_json(capsys, "check", hidden_folder)
-    assert document["diagnosis"]["missing"] == ["transmission_error"]
-    assert main(["check", str(hidden_folder)]) == 0
-    assert "What is missing is the transmission error" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -303,29 +303,6 @@ def test_it_goes_to_the_page_that_asked_alone(app: App) -> None:
         assert list(one.downloads) == ["img_src_x_onerror_window_pwned_1_b_p2_b_redundancy.csv"]
 
 
-@pytest.mark.thorough
-def test_a_page_that_leaves_or_sends_no_picture_does_no_harm(app: App, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("inspector.app.controllers.downloads.RENDER_S", 0.5)
-    with WireClient(app.server.get_port()) as page:
-        page.click(SCREENSHOT)  # this client draws nothing
-        page.wait(lambda p: any("sent no picture" in n["props"]["body"] for n in p.notifications), 20.0)
-        page.click(SCREENSHOT)
-        page.click("Report (HTML)")
-    assert app.worker.wait_idle(IDLE_S)
-    with WireClient(app.server.get_port()) as page:
-        assert taken(page, "Redundancy (CSV)")
-
-
-@pytest.mark.thorough
-def test_fifty_quick_presses_are_a_few_files(app: App) -> None:
-    with WireClient(app.server.get_port()) as page:
-        for _ in range(50):
-            page.click("Report (HTML)")
-        page.wait(lambda p: p.downloads, 30.0)
-        assert app.worker.wait_idle(IDLE_S)
-        assert 1 <= page.log.count("FileTransferStartDownload") <= 5
-
-
 def test_every_item_has_a_button_that_says_what_it_holds(app: App) -> None:
     with WireClient(app.server.get_port()) as page:
         for name, item in ITEMS.items():
@@ -366,22 +343,6 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
         assert now.session.screening is not None
         with WireClient(again.server.get_port()) as page:
             assert HIDDEN in page.text()
-
-
-@pytest.mark.thorough
-def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(app: App, folder: Path, tmp_path: Path) -> None:
-    there = tmp_path / "cell"
-    path = tmp_path / "session.json"
-    with WireClient(app.server.get_port()) as page:
-        path.write_bytes(taken(page, "Session (JSON)"))
-    write_dataset(load_dataset(folder), there)
-    poses = (there / "poses.csv").read_text()
-    (there / "poses.csv").write_text(poses.replace("new", "newer"))
-    saved, notes = opening(load_session(path), there)
-    words = "The dataset has changed since the session was saved: poses.csv."
-    assert words in notes[0]
-    with idle_app(there, saved=saved) as again, WireClient(again.server.get_port()) as page:
-        page.wait(lambda p: "has changed since the session was saved" in p.text())
 
 
 @pytest.mark.thorough

@@ -11,7 +11,7 @@ import pytest
 
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
-from tests.support.browser import MS, open_tab, says
+from tests.support.browser import open_tab, says
 from tests.support.checked_cell import measured_twice
 
 pytestmark = [pytest.mark.browser, pytest.mark.thorough]
@@ -33,13 +33,3 @@ def test_another_dataset_stands_beside(page: Any, app: App) -> None:
     says(page, "changed: the zero of joint 3")
     names = page.locator(".js-plotly-plot:visible .legendtext").all_text_contents()
     assert names == ["after", "before"]
-
-
-def test_the_measurement_plays(page: Any, app: App) -> None:
-    page.get_by_role("button", name="Play").click()
-    page.wait_for_function(
-        "() => Number(/number (\\d+) by time/.exec(document.body.innerText)?.[1]) >= 3", timeout=4 * MS
-    )
-    page.get_by_role("button", name="Pause").click()
-    page.get_by_role("button", name="Play").wait_for(timeout=MS)
-    assert app.state.now.pose >= 2

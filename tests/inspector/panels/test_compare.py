@@ -190,30 +190,6 @@ def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
     assert not page.notifications
 
 
-@pytest.mark.thorough
-def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, page: WireClient) -> None:
-    app.open("meshed")
-    assert app.worker.wait_idle(IDLE_S)
-    page.wait(lambda p: f"{ROOT}/arm/mesh1" in p.scene)
-    assert f"{ROOT}/arm/mesh2" not in page.scene
-    page.wait(lambda p: "&lt;b&gt;gone&lt;/b&gt;.stl" in p.text())  # why the third link has none
-    assert "<b>gone" not in page.text()
-    sent = page.log.count("MeshMessage")
-    for pose in (0, 5):
-        app.select(pose)
-        assert app.worker.wait_idle(IDLE_S)
-        arm = arm_of(app.state.now.version, pose) if app.state.now.version else None
-        assert arm is not None
-        node = app.stage.comparison._arm._meshes[1]
-        np.testing.assert_allclose(1000 * np.asarray(node.position), arm.base_T_link[1, :3, 3], atol=1e-3)
-        shown = int(np.sum(arm.link != 1))
-        page.wait(lambda p, k=shown: len(cylinder_ends_mm(p)) == k)  # type: ignore[misc]
-    assert page.log.count("MeshMessage") == sent  # the mesh itself was not sent again
-    app.open("hidden")
-    assert app.worker.wait_idle(IDLE_S)
-    page.wait(lambda p: f"{ROOT}/arm/mesh1" not in p.scene)
-
-
 def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireClient) -> None:
     app.open("cell")
     assert app.worker.wait_idle(IDLE_S)

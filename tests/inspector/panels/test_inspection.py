@@ -19,13 +19,11 @@ from inspector.markup.legend import EMPTY, legend_html
 from inspector.markup.measure.corner import corner_html
 from inspector.markup.measure.planes import NOT_SEARCHED, passes_note, planes_html
 from inspector.markup.model.comparison import exaggeration
-from inspector.markup.parts.palette import FILTER_COLOURS, rgb
 from inspector.panels.base import ChangedValues
 from inspector.panels.measure.corner import DISTANCES
 from inspector.panels.measure.scans import corner_state, pose_table
 from inspector.report.content import report_of
 from inspector.report.report import report_html
-from inspector.scene.scene_view import ROOT
 from inspector.session.view import VIEW_LAYERS, VIEWS, View
 from tests.support.app import IDLE_S, shows
 from tests.support.tiny_dataset import BROKEN, POSES, write_tiny
@@ -66,21 +64,6 @@ def search(app: App, pose: int) -> CornerSearch:
     found = view(app, pose).search
     assert found is not None
     return found
-
-
-@pytest.mark.thorough
-def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_table(
-    app: App, page: WireClient
-) -> None:
-    app.show_view("Planes")
-    page.wait(lambda p: f"{ROOT}/rejected/points" in p.scene)
-    colours = np.asarray(page.scene[f"{ROOT}/rejected/points"]["props"]["colors"]).reshape(-1, 3)
-    counts = search(app, 0).filter_counts()
-    for number, colour in enumerate(FILTER_COLOURS, start=1):
-        assert np.count_nonzero((colours == rgb(colour)).all(axis=1)) == counts[f"filter{number}"] > 0
-        row = planes_html(view(app)).split(f"rejected by filter {number}")[0].rsplit("<tr", 1)[1]
-        assert colour in row
-    shows(page, "sets rejected by filter")
 
 
 def test_a_scan_that_was_not_searched_for_planes_has_no_tables_of_zeros(app: App) -> None:

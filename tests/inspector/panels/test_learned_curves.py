@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -85,25 +84,3 @@ def test_the_report_has_them_in_a_section_and_no_row_for_each_mode(folder: Path)
     assert "sin(23 q1)" in with_curves
     assert CURVE in with_curves
     assert f"{LEARNED}.J1" not in with_curves
-
-
-@pytest.mark.browser
-@pytest.mark.thorough
-def test_find_shows_the_curve(chromium: Any, app: App) -> None:
-    from inspector.panels.learn.missing_effects import FIND
-    from inspector.server.viser_server import url_of
-    from tests.support.browser import MS, open_page, says
-
-    with open_page(chromium, url_of(app.server)) as opened:
-        opened.get_by_role("button", name=FIND, exact=True).click(timeout=4 * MS)
-        says(opened, f"Curves of {LEARNED}")
-        opened.wait_for_function(
-            """name => [...document.querySelectorAll('.js-plotly-plot')].some(plot =>
-                plot.offsetWidth > 200 && (plot.data || []).some(t => t.name == name && t.x.length > 100))""",
-            arg=CURVE, timeout=MS,
-        )  # fmt: skip
-        table = opened.locator("table:visible", has_text="known").last
-        assert table.evaluate("t => t.scrollWidth <= t.parentElement.clientWidth")  # nothing is cut off
-        text = opened.locator(".js-plotly-plot", has_text="joint 1 angle").first
-        assert "error, mrad" in text.inner_text()
-        assert "Joint 1" in text.inner_text()

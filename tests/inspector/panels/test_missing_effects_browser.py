@@ -10,9 +10,8 @@ import pytest
 from calib.rendering import numbers
 from inspector.app.app import App
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
-from inspector.scene.scene_view import ROOT
 from tests.support.app import ADD, IDLE_S, command
-from tests.support.browser import MS, node_drawn, says
+from tests.support.browser import MS, says
 from tests.support.hidden_dataset import HIDDEN
 
 pytestmark = pytest.mark.browser
@@ -35,16 +34,6 @@ def steps_drawn(page: Any, count: int) -> None:
             t => t.name == 'noise alone') && plot.data.find(t => t.name == 'test').y.length == count)""",
         arg=count, timeout=MS,
     )  # fmt: skip
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_points_alone_open_on_the_model_with_points_and_arrows(page: Any) -> None:
-    first = page.get_by_role("tab", name="Learn", exact=True)
-    assert first.get_attribute("aria-selected") == "true"
-    says(page, FIND)
-    node_drawn(page, f"{ROOT}/corners/points")
-    node_drawn(page, f"{ROOT}/residuals/arrows")
 
 
 @pytest.mark.slow
@@ -79,22 +68,6 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
     assert told["verdict"] == "named"
     assert fact(page, "model") == f"link errors + {HIDDEN} (joints 1, 2, 3, 4, 5 and 6)"
     assert fact(page, "test 3D RMSE") == f"{numbers.column_mm(told['steps'][-1]['test_rmse_mm'])} mm"
-
-
-@pytest.mark.thorough
-def test_where_it_fails_selects_the_pose_everywhere(page: Any, app: App) -> None:
-    page.get_by_role("tab", name="Where it fails", exact=True).click()
-    says(page, "Worst poses, mm")
-    pose_errors = app.state.now.session.pose_errors
-    assert pose_errors is not None
-    worst = pose_errors.worst(1)[0]
-    page.get_by_label("Worst poses", exact=True).first.click()
-    page.get_by_role("option", name=f"{worst} (").locator("visible=true").first.click()
-    place = app.state.now.session.dataset.poses.index(worst) + 1
-    says(page, f"{place} of 45")
-    page.get_by_label("Against", exact=True).first.click()
-    page.get_by_role("option", name="joint 3 angle, °").click()
-    page.locator(".xtitle").filter(has_text="joint 3 angle, °").first.wait_for(timeout=MS)
 
 
 def test_nothing_is_cut_off_sideways(page: Any) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from calib.dataset.files.folder import write_dataset
-from calib.diagnosis.moves import AddEffect, LeaveOutPoses
+from calib.diagnosis.moves import AddEffect
 from inspector.app.app import App
 from inspector.markup.learn.effects import leave_out_label
-from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.app import IDLE_S, idle_app
 from tests.support.hidden_dataset import UNNAMED, arm
 from tests.support.wire_client import WireClient
 
@@ -48,24 +48,6 @@ def buttons(page: WireClient, label: str) -> int:
     """Number of visible buttons with a label."""
     props = [widget["props"] for widget in page.gui.values()]
     return sum(p.get("label") == label and p.get("visible", True) for p in props)
-
-
-@pytest.mark.thorough
-def test_the_advised_move_and_the_worst_poses_have_the_same_button(
-    app: App, page: WireClient, outlying: tuple[Path, list[str]]
-) -> None:
-    ids = outlying[1]
-    assert app.state.session.advice is not None
-    assert isinstance(app.state.session.advice.move, LeaveOutPoses)
-    label = leave_out_label(ids)
-    assert label == f"Leave out {ids[0]} and {ids[1]}"
-    assert buttons(page, label) == 2  # beside the advice, and in "Where it fails"
-    shows(page, f"Single poses stand out: {ids[0]} and {ids[1]}.")
-    app.panels.residuals.outliers.press()
-    assert app.worker.wait_idle(IDLE_S)
-    assert app.state.session.uncounted == set(ids)
-    assert app.state.session.diagnosis is not None  # as by the advice's own button
-    page.wait(lambda p: buttons(p, label) == 0)
 
 
 @pytest.mark.thorough

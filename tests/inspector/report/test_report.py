@@ -6,7 +6,6 @@ import html
 import json
 import re
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +23,8 @@ from calib.rendering.blocks import Presentation, Table
 from calib.rendering.numbers import column_mm
 from inspector.cli.parser import main
 from inspector.report.arm_drawing import stride
-from inspector.report.content import report_of
 from inspector.report.page import render
-from inspector.report.report import report_html, versions
+from inspector.report.report import versions
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from tests.support import ROOT
@@ -114,23 +112,6 @@ def test_the_parameters_are_those_of_the_fit(folder: Path, written: Path, capsys
     assert f"a2 {lengths[0]['nominal']:.4f} {lengths[0]['value']:.4f}" in table
 
 
-@pytest.mark.thorough
-def test_the_figures_hold_the_history_and_every_pose(folder: Path, written: Path) -> None:
-    arm, history, *others = figures(written.read_text())
-    assert len(others) >= 4
-    session = sessions.with_diagnosis(measuring.open_session(folder / "hidden"))
-    told = html.unescape(history)
-    for step in session.history[1:]:
-        assert f"{step.label}\ntraining 3D RMSE {step.train_rmse_mm:.4g} mm" in told
-        assert f"{step.label}\ntest 3D RMSE {step.test_rmse_mm:.4g} mm" in told
-    assert "noise alone" in told
-    measured = session.measured.points
-    assert measured is not None
-    assert arm.count('class="dot"') == 2 * len(measured) + 1  # two pictures, and the legend
-    by_pose = next(figure for figure in others if "3D error, mm" in figure)
-    assert by_pose.count("<title>pose ") == len(measured)
-
-
 @pytest.mark.slow
 def test_no_name_becomes_markup_and_nothing_is_fetched_or_run(written: Path) -> None:
     page = written.read_text()
@@ -203,22 +184,6 @@ def test_a_word_that_is_too_long_for_a_column_is_broken_and_others_are_not() -> 
     assert drawn.count('class="wide long"') == 1
     assert drawn.count('class="wide"') == 1  # in one line where it fits
     assert drawn.count('class="wide short"') == 1  # the heading: never broken
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
-    ranked = sessions.with_screening(sessions.with_calibration(measuring.open_session(folder / "hidden")))
-    assert ranked.screening is not None
-    other = next(c.name for c in ranked.screening.candidates[1:] if c.members)
-    unfinished, finished = (sessions.with_screening(sessions.with_effect(ranked, name)) for name in (other, HIDDEN))
-    now = datetime(2026, 3, 4, 5, 6)
-    page = plain(report_html(report_of(unfinished), now=now))
-    assert f"(link errors + {other}) was put together" in page
-    assert f"+ {other}: the test error" in page
-    page = plain(report_html(report_of(finished), now=now))
-    assert f"({HIDDEN}): " in page
-    assert "2026-03-04 05:06" in page
 
 
 @pytest.mark.thorough

@@ -50,10 +50,6 @@ def labels(session: Session) -> list[str]:
     return [step.label for step in session.history]
 
 
-def undone(session: Session, past: tuple[Session | SavedModel, ...], by: int) -> Session:
-    return Undo(list(past)).move(session, by)
-
-
 def test_a_pose_that_is_left_out_is_neither_training_nor_test(fitted: Session, without: Session) -> None:
     assert without.calibration is not None
     expected = calibrate(fitted.dataset.leave_out([TRAIN, TEST]))
@@ -164,16 +160,6 @@ def test_the_session_file_keeps_it(without: Session, folder: Path, tmp_path: Pat
     assert labels(again) == labels(partly)
     assert again.left_out == (TEST,)
     assert list(map(asked_out, again.steps)) == list(map(asked_out, partly.steps))
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_a_diagnosis_without_it_comes_back(without: Session, folder: Path, tmp_path: Path) -> None:
-    found = sessions.with_diagnosis(without)
-    save_session(tmp_path / "s.json", found)
-    again = opened(tmp_path / "s.json", folder)
-    assert again.left_out == (TRAIN, TEST)
-    assert np.array_equal(x(again), x(found))
 
 
 def test_before_a_fit_the_file_keeps_it_too(fitted: Session, folder: Path, tmp_path: Path) -> None:

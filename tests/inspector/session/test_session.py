@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import pytest
 
-from calib import calibrate, diagnose
+from calib import calibrate
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import CalibError
 from calib.present.fit.calibration import last_change
@@ -124,20 +124,6 @@ def test_calibrating_again_keeps_the_effects(added: Session) -> None:
     assert labels(again) == labels(added)
     assert again.calibration is not None
     assert HIDDEN in again.calibration.model.family_names
-
-
-@pytest.mark.thorough
-def test_a_diagnosis_is_taken_over_whole(ranked: Session) -> None:
-    said: list[str] = []
-    found = sessions.with_diagnosis(ranked, said.append)
-    alone = diagnose(ranked.dataset)
-    assert found.diagnosis is not None
-    assert found.diagnosis.summary() == alone.summary()
-    assert tuple(added.name for added in found.effects) == alone.missing == (HIDDEN,)
-    assert labels(found) == ["nominal", GEOMETRY, f"+ {HIDDEN}"]
-    assert found.screening is found.diagnosis.screenings[-1]
-    assert said[0] == "fitting the geometry"
-    assert f"adding {HIDDEN}" in said
 
 
 def test_what_a_listener_raises_ends_the_diagnosis(ranked: Session) -> None:

@@ -14,7 +14,6 @@ from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.panels.learn.missing_effects import REMOVE
 from inspector.session.session import Session
 from inspector.session.user_effects import UserEffects, Watch
 from tests.support.app import IDLE_S, idle_app, shows
@@ -111,26 +110,6 @@ def served(folder: Path, tmp_path: Path) -> Iterator[tuple[App, Path]]:
 
 def session(app: App) -> Session:
     return app.state.now.session
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_own_effects_are_ranked_added_and_removed_like_any_other(served: tuple[App, Path]) -> None:
-    app, _ = served
-    with WireClient(app.server.get_port()) as page:
-        assert "ripple" in page.props("Effect")["options"]
-        shows(page, "ripple (own)")
-        page.set("Effect", "ripple")
-        shows(page, "Effect ripple", "your effects file")
-        before = session(app).history[-1].train_rmse_mm
-        page.click("Add to the model")
-        shows(page, "link errors + ripple", "Fitted together", "cosine amplitude")
-        assert session(app).history[-1].train_rmse_mm < before
-        page.set("Effect", "ripple")
-        page.press("Model", REMOVE)
-        shows(page, "\u2212 ripple")
-        assert session(app).history[-1].train_rmse_mm == pytest.approx(before)
-        assert not page.notifications
 
 
 @pytest.mark.thorough

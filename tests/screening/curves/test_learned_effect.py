@@ -22,10 +22,6 @@ from calib.screening.curves.fitted_curves import effect_file_text, fitted_curves
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import LEARNED, FormulaModes, FormulaTerm, SmoothJointError
 from inspector.cli.parser import main
-from inspector.session import measuring
-from inspector.session import transitions as sessions
-from inspector.session.reopening import dataset_of, reopened
-from inspector.session.session_file import Shown, load_session, save_session
 from tests.support import ROOT
 from tests.support.hidden_dataset import UNNAMED, arm
 
@@ -141,24 +137,6 @@ def test_nothing_is_written_where_nothing_was_learned(tmp_path: Path, capsys) ->
     assert "no curves were learned" in capsys.readouterr().err
     assert main(["calibrate", str(tmp_path / "cell"), "--learned-out", str(curves)]) == 2
     assert not curves.exists()
-
-
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_a_session_with_learned_curves_opens_again(ripple: Dataset, tmp_path: Path) -> None:
-    write_dataset(ripple, tmp_path / "cell")
-    session = sessions.with_screening(sessions.with_calibration(measuring.open_session(tmp_path / "cell")))
-    session = sessions.with_effect(session, LEARNED)
-    session = sessions.with_screening(session)
-    save_session(tmp_path / "session.json", session, Shown(pose="p0001"))
-    saved = load_session(tmp_path / "session.json")
-    again, notes = reopened(measuring.open_session(dataset_of(saved, tmp_path)), saved)
-    assert notes == ()
-    assert again.calibration is not None
-    assert session.calibration is not None
-    np.testing.assert_allclose(again.calibration.fit.x, session.calibration.fit.x, atol=1e-9)
-    undone = sessions.without_effect(again, LEARNED)
-    assert undone.effects == ()
 
 
 @pytest.mark.slow

@@ -63,26 +63,6 @@ def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session)
     assert LEARNED in said
 
 
-@pytest.mark.thorough
-def test_adding_them_takes_what_was_learned_and_removing_offers_them_again(ranked: Session) -> None:
-    assert ranked.curves is not None
-    assert ranked.calibration is not None
-    added = sessions.with_effect(ranked, LEARNED)
-    assert added.effects[0].members is ranked.curves.members
-    assert added.curves is None
-    again = sessions.with_screening(added)
-    assert again.curves is None  # they are in the model already
-    assert again.advice is None
-    assert again.diagnosis is not None
-    assert again.diagnosis.verdict == "unexplained"
-    assert again.diagnosis.learned is not None
-    removed = sessions.with_screening(sessions.without_effect(again, LEARNED))
-    assert removed.calibration is not None
-    np.testing.assert_allclose(removed.calibration.fit.x, ranked.calibration.fit.x, rtol=1e-9)
-    assert removed.curves is not None
-    assert removed.curves.log_evidence == pytest.approx(ranked.curves.log_evidence)
-
-
 @pytest.mark.slow
 def test_a_convincing_name_comes_before_curves(tmp_path: Path) -> None:
     named = sessions.with_screening(sessions.with_calibration(measuring.open_session(write_hidden(tmp_path))))
