@@ -5,9 +5,7 @@ gives way; 20 random poses are measured with 0 and 2 kg, white noise of 0.05 mm 
 square a coordinate of the differences that the cause makes, over that noise; a part takes it only where it then yields
 no more than parts of real arms do. The bound knows the noise and that exactly one of these parts gives way; it allows
 for a motion of the instrument and a shift of the tool, and calls the best part proven where that leads the next by 3 in
-log evidence. With --planned the poses are chosen by calib among 300 random ones, of the arm alone; the size of a part
-stays what it is at 20 random poses. *right*: the part that gave way and nothing else; *open*: nothing proven; *wrong*:
-anything else.
+log evidence. *right*: the part that gave way and nothing else; *open*: nothing proven; *wrong*: anything else.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -26,11 +23,7 @@ import numpy as np
 from simulated import NOISE_MM
 
 from calib.array_types import Array
-from calib.extras.proof_plan.proof_plan import yielding_pairs
-from calib.extras.proof_plan.simulated_pairs import ConditionChange, PairCell
-from calib.planning.start import FromRobot
 from calib.statistics import rms
-from calib.workcell.known_cell import workcell_of_robot
 from tests.support.engine.cell import Cell
 from tests.support.paired_cell import (
     ARMS,
@@ -48,8 +41,6 @@ from tests.support.paired_cell import (
 SIZED_KG = 2.0  # load under which a size is what it says
 SIZES = (1.0, 2.0, 3.0)
 LEAD = 3.0
-OFFERED = 1500  # random pairs that planned ones are chosen from
-SHARED = 5  # cases of one plan
 SCALES_MM = NOISE_MM * np.geomspace(0.03, 30.0, 41)  # of a part's root mean square, that the bound tries
 
 
@@ -62,7 +53,6 @@ class Task:
     places: int
     number: int
     seed: int
-    planned: bool = False
     load_kg: float = SIZED_KG
 
 
@@ -72,7 +62,7 @@ def judged(task: Task) -> tuple[str, str]:
     rng = np.random.default_rng(key)
     arm = ARMS[task.arm]
     at_random = draw_pairs(arm, rng, task.places, (0.0, SIZED_KG))
-    cell = planned(task) if task.planned else loaded(at_random, task.load_kg)
+    cell = loaded(at_random, task.load_kg)
     soft = rng.uniform(0.5, 1.5, 2)
     nuisance = nuisance_of(cell)
     parts = [(part, columns_of(cell, part)) for part in [*members_of(arm), base(soft)]]
@@ -87,36 +77,6 @@ def judged(task: Task) -> tuple[str, str]:
     assert dataset.points is not None
     bound = best_part(parts, nuisance, dataset.points.xyz_mm)
     return verdict(set() if bound is None else {bound}, truth), verdict(found, truth)
-
-
-@lru_cache(maxsize=2)
-def _planned(arm_name: str, places: int, seed: int, number: int, load_kg: float) -> Cell:
-    """Pairs that calib plans among random ones, of an arm and a cell that are drawn anew for each number."""
-    rng = np.random.default_rng([seed, list(ARMS).index(arm_name), places, number])
-    offered = draw_pairs(ARMS[arm_name], rng, OFFERED, (0.0, load_kg))
-    robot = measured(offered, [], rng).robot
-    scanner_T_base = offered.scanner_T_base[0]
-    start = FromRobot(workcell_of_robot(robot, base_T_scanner=np.linalg.inv(scanner_T_base)), NOISE_MM)
-    cell = PairCell(start.dataset, robot, {start.setup: scanner_T_base}, NOISE_MM)
-    change = ConditionChange("payload_kg", 0.0, load_kg)
-    chosen = yielding_pairs(cell, start.poses_at(offered.q[:OFFERED]), change, places, rng)
-    q = chosen.before.q
-    rows = np.array([int(np.argmin(np.abs(offered.q[:OFFERED] - one).max(axis=1))) for one in q])
-    both = np.concatenate([rows, rows + OFFERED])
-    return replace(
-        offered,
-        q=offered.q[both],
-        payload_kg=offered.payload_kg[both],
-        temperature_c=offered.temperature_c[both],
-        time_s=offered.time_s[: len(both)],
-        approach=offered.approach[both],
-        setup=offered.setup[both],
-    )
-
-
-def planned(task: Task) -> Cell:
-    """Planned pairs of a case; five cases share a plan, which is made before anything is known of them."""
-    return _planned(task.arm, task.places, task.seed, task.number // SHARED, task.load_kg)
 
 
 def loaded(cell: Cell, load_kg: float) -> Cell:
@@ -197,7 +157,6 @@ def main() -> None:
     parser.add_argument("--nothing", type=int, default=100, help="of each arm, in which nothing gives way")
     parser.add_argument("--places", type=int, default=20)
     parser.add_argument("--seed", type=int, default=2000)
-    parser.add_argument("--planned", action="store_true", help="pairs that are planned, and sizes as at random ones")
     parser.add_argument("--load-kg", type=float, default=SIZED_KG, help="measured with; sizes stay those under 2 kg")
     parser.add_argument("--arm", choices=sorted(ARMS), action="append")
     parser.add_argument("--size", type=float, action="append")
@@ -207,10 +166,7 @@ def main() -> None:
         for arm in asked.arm or ARMS:
             for size in asked.size or (*SIZES, 0.0):
                 count = asked.cases if size else asked.nothing
-                tasks = [
-                    Task(arm, size, asked.places, number, asked.seed, asked.planned, asked.load_kg)
-                    for number in range(count)
-                ]
+                tasks = [Task(arm, size, asked.places, number, asked.seed, asked.load_kg) for number in range(count)]
                 told = list(pool.map(judged, tasks, chunksize=5))
                 for who, verdicts in (("bound", [b for b, _ in told]), ("calib", [c for _, c in told])):
                     counts = Counter(verdicts)

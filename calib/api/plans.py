@@ -22,7 +22,7 @@ from calib.kinematics.robot import Robot
 from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
 from calib.planning.criterion import PlanTask
-from calib.planning.plan import FIRST_SET, Plan, criterion_of, plan_poses, task_of_diagnosis, task_of_robot
+from calib.planning.plan import FIRST_SET, Plan, criterion_of, plan_poses, task_of_diagnosis
 from calib.planning.purpose import CALIBRATION, FURTHER, PlanPurpose, purposes
 from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
@@ -88,11 +88,8 @@ def plan(
     if not isinstance(known, Dataset | FittedResult):
         robot = FromRobot(workcell_of_robot(load_robot(known), base_T_scanner=scanner), noise_mm, options)
     if asked and design is None:
-        if robot is not None and asked.of_robot:
-            task = task_of_robot(asked, robot, count, payload_kg, seed)
-        else:
-            known = _diagnosed(known, asked, options, effects, user_effects, on_step)
-            task = task_of_diagnosis(asked, known, count, payload_kg)
+        known = _diagnosed(known, asked, options, effects, user_effects, on_step)
+        task = task_of_diagnosis(asked, known, count, payload_kg)
     else:
         assert design is not None
         usual = FURTHER if asked is None else asked.usual_count

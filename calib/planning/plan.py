@@ -24,7 +24,7 @@ from calib.planning.exchange import best_poses
 from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
 from calib.planning.purpose import CALIBRATION, PlanPurpose, purposes
-from calib.planning.start import FromRobot, Start
+from calib.planning.start import Start
 from calib.planning.ways import Way, ways_to
 from calib.plugins import load
 from calib.presented import Presented
@@ -332,12 +332,4 @@ def task_of_diagnosis(
 ) -> PlanTask:
     """Poses that serve a purpose after a diagnosis; `count` None leaves their number to it."""
     task: PlanTask = load(purpose.of_diagnosis)(diagnosis, payload_kg, count)
-    return task
-
-
-def task_of_robot(
-    purpose: PlanPurpose, robot: FromRobot, count: int | None, payload_kg: float | None, seed: int
-) -> PlanTask:
-    """Poses that serve a purpose for an arm that was never measured; `count` None leaves their number to it."""
-    task: PlanTask = load(purpose.of_robot)(robot, count, payload_kg, seed)
     return task

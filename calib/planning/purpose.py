@@ -26,7 +26,6 @@ class PlanPurpose:
     of_diagnosis: str = (
         ""  # place of a function (diagnosis, payload_kg, count or None) -> `calib.planning.criterion.PlanTask`
     )
-    of_robot: str = ""  # place of a function (`FromRobot`, count or None, payload_kg, seed) -> `PlanTask`
     why_no_candidates: str = ""  # clause on why no table of candidates can be given; "" where one can
     advice: str = ""  # place of a function from a diagnosis to a result that `plan` would bring about, or None
 

@@ -10,9 +10,8 @@ CONTRIBUTIONS = (
     PlanPurpose(
         PROVE,
         "prove it by changing one condition",
-        "prove (the same by changing one condition; of a robot, what gives way under a payload)",
+        "prove (the same by changing one condition)",
         of_diagnosis="calib.extras.proof_plan.proof_criterion:task_of_diagnosis",
-        of_robot="calib.extras.proof_plan.proof_criterion:task_of_robot",
         why_no_candidates="repeats poses that were measured",
         advice="calib.extras.proof_plan.proof_plan:advised_change",
     ),

@@ -12,14 +12,12 @@ from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
 from calib.extras.proof_plan.plugin import PROVE
 from calib.extras.proof_plan.proof_outcome import PairReason, ProofOutcome
-from calib.extras.proof_plan.proof_plan import NextChange, change_for_robot, next_change
+from calib.extras.proof_plan.proof_plan import NextChange, next_change
 from calib.extras.proof_plan.simulated_pairs import joined_poses
 from calib.intervention.pairs import APPROACH
 from calib.planning.criterion import BaseCriterion, DesignProblem, PlanTask
 from calib.planning.effect_hypotheses import hypothesis_sets
-from calib.planning.start import FromFit, FromRobot, Start
-
-PROOF_POSES = 40  # of a robot that was never measured: 20 pairs
+from calib.planning.start import FromFit, Start
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class ForProof(BaseCriterion):
     """Criterion: prove which hypothesis is true by pairs of poses, which are chosen already."""
 
     chosen: NextChange
-    start: FromFit | FromRobot
+    start: FromFit
     name = PROVE
     keeps_temperature = True
     effects: tuple[str, ...] = ()
@@ -77,7 +75,6 @@ class ForProof(BaseCriterion):
             assumed=found.assumed,
             pairs=found.pairs,
             probability=found.probability,
-            needed=found.needed,
             others=tuple((c.condition, c.before, c.after, probability) for c, probability in found.others),
         )
 
@@ -87,11 +84,8 @@ def for_proof(diagnosis: Diagnosis, payload_kg: float | None = None, count: int 
 
     Raises CalibError where nothing was left confounded, or no change moves any of it.
     """
-    name, found = (
-        diagnosis.calibration.dataset.name,
-        next_change(diagnosis, payload_kg=payload_kg, count=count, with_needed=True),
-    )
-    if found is not None and found.calibration is not None:
+    name, found = diagnosis.calibration.dataset.name, next_change(diagnosis, payload_kg=payload_kg, count=count)
+    if found is not None:
         return ForProof(found, FromFit(found.calibration))
     sets = hypothesis_sets(diagnosis)
     if not sets:
@@ -105,18 +99,7 @@ def for_proof(diagnosis: Diagnosis, payload_kg: float | None = None, count: int 
     )
 
 
-def for_proof_of_robot(start: FromRobot, count: int, payload_kg: float | None = None, seed: int = 0) -> ForProof:
-    """Criterion for an arm that was never measured: prove what gives way under a payload."""
-    return ForProof(change_for_robot(start, count, payload_kg=payload_kg, seed=seed), start)
-
-
 def task_of_diagnosis(diagnosis: Diagnosis, payload_kg: float | None, count: int | None) -> PlanTask:
     """Poses that prove one of the effects that a diagnosis left confounded; as many as it takes where none is given."""
     proof = for_proof(diagnosis, payload_kg, count)
-    return PlanTask(proof.start, proof.count, proof)
-
-
-def task_of_robot(start: FromRobot, count: int | None, payload_kg: float | None, seed: int) -> PlanTask:
-    """Poses that prove what of an arm gives way under a payload."""
-    proof = for_proof_of_robot(start, count or PROOF_POSES, payload_kg, seed)
     return PlanTask(proof.start, proof.count, proof)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib.extras.proof_plan.simulated_pairs import Needed
 from calib.planning.outcome import Outcome, PoseReason
 
 
@@ -31,7 +30,6 @@ class ProofOutcome(Outcome):
     probability: float
     others: tuple[tuple[str, float | None, float | None, float], ...]
     """Other conditions with their values before and after, and nearly the probability that changing these reaches."""
-    needed: tuple[Needed, ...] = ()  # what it takes to prove it more probably
 
     @property
     def power(self) -> float:

@@ -14,39 +14,29 @@ from functools import partial
 
 import numpy as np
 
-from calib import frames
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
 from calib.diagnosis.result import Diagnosis
-from calib.effects.effect import Effect, exceeded_bound, family_name
+from calib.effects.effect import Effect
 from calib.errors import CalibError, FitError
-from calib.extras.proof_plan.pair_design import exchanged_pairs, greedy_pairs
 from calib.extras.proof_plan.simulated_pairs import (
     TEMPERATURE,
     ConditionChange,
     DrawnCause,
-    Needed,
     Offer,
     PairCell,
     chosen_from,
-    design_of,
-    needed,
     new_pairs,
     settled_share,
     under,
 )
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
-from calib.intervention.proof import FEWEST_PAIRS, candidates_of, follows, with_masses
+from calib.intervention.proof import FEWEST_PAIRS, follows, with_masses
 from calib.planning.effect_hypotheses import HypothesisSet, coefficient_posteriors, hypothesis_sets
 from calib.planning.offered_poses import offered_poses
-from calib.planning.start import FromRobot
-from calib.statistics import rms
-from calib.workcell.candidates import candidate_poses
-from calib.workcell.measurable import measurable
 from calib.workcell.pose_conditions import COLD_C, WARM_C
-from calib.workcell.workcell import Workcell
 
 PROOF_PAYLOAD_KG = 2.0
 """Payload that is hung on the flange, where the user has no other."""
@@ -57,14 +47,6 @@ _EASE = {APPROACH: 0.0, PAYLOAD: 0.02, TEMPERATURE: 0.1}  # of probability, that
 _TRIALS = 60  # simulated follow-ups
 _CAUSES = 30  # drawn causes that pairs are chosen for
 _NEW = 200  # new poses that are offered
-_NEW_OF_ROBOT = 600  # and where nothing was measured yet: the best few are far better than most
-GIVES_WAY = ("joint_compliance", "link_bending", "base_compliance")
-"""Effects of which one is thought true where nothing is known of an arm."""
-_STEPS_DEG = (60.0, 30.0, 15.0, 8.0)  # by which chosen poses of a free choice are moved, to find better ones
-_NEIGHBOURS = 10
-_MARGINAL = 1.5  # root mean square of a cause's differences over the noise, where its proof hangs in the balance
-_GOALS = ((1.0, 0.6), (2.0, 0.9))
-"""Sizes of a cause over the noise, at usual poses, and the probability of proving it that a plan says the price of."""
 _SIGNS = 20  # draws of a size that has to be positive
 
 
@@ -72,7 +54,7 @@ _SIGNS = 20  # draws of a size that has to be positive
 class NextChange:
     """Poses to measure under a changed condition, and the probability that their differences prove the true cause."""
 
-    calibration: Calibration | None  # fit that left the hypotheses open; None for an arm that was never measured
+    calibration: Calibration  # that left the hypotheses open
     hypotheses: tuple[str, ...]
     change: ConditionChange
     poses: Poses  # to measure, in their conditions, the most informative first
@@ -81,7 +63,6 @@ class NextChange:
     pairs: int
     probability: float
     others: tuple[tuple[ConditionChange, float], ...]  # further changes, and what they would reach
-    needed: tuple[Needed, ...] = ()  # what it takes to prove the cause more probably, where that was asked for
 
 
 # ---- what stays open ------------------------------------------------------------------------------------------------
@@ -93,7 +74,6 @@ def next_change(
     payload_kg: float | None = None,
     count: int | None = None,
     least: float = 0.0,
-    with_needed: bool = False,
 ) -> NextChange | None:
     """Change that most probably proves which effect of a diagnosis' first confounded set is true; the easiest first.
 
@@ -104,11 +84,10 @@ def next_change(
         payload_kg: payload to hang on the flange.
         count: number of poses to measure; None: the fewest that are nearly as good as 40.
         least: probability below which a change is worth nothing; an estimate of half of that ends the search.
-        with_needed: whether to find out what it takes to prove the cause more probably.
     """
     for hypothesis_set in hypothesis_sets(diagnosis):
         try:
-            found = change_for(hypothesis_set, payload_kg=payload_kg, count=count, least=least, with_needed=with_needed)
+            found = change_for(hypothesis_set, payload_kg=payload_kg, count=count, least=least)
         except FitError:  # too few poses to fit a hypothesis at all
             continue
         if found is not None:
@@ -128,15 +107,16 @@ def change_for(
     payload_kg: float | None = None,
     count: int | None = None,
     least: float = 0.0,
-    with_needed: bool = False,
 ) -> NextChange | None:
     """Change that most probably proves which hypothesis is true; None where no change does, see `next_change`.
 
     Raises FitError where no degree of freedom is left, and CalibError for fewer poses than make four pairs.
     """
     calibration = hypothesis_set.calibration
-    if count is not None:
-        _require_pairs(count, FEWEST_PAIRS)
+    if count is not None and count < FEWEST_PAIRS:
+        raise CalibError(
+            f"found {count} poses to prove a cause by; it takes {FEWEST_PAIRS} pairs: ask for {FEWEST_PAIRS}"
+        )
     hypotheses = [hypothesis for hypothesis in hypothesis_set.hypotheses if hypothesis.members]
     if not hypotheses:
         return None
@@ -176,18 +156,7 @@ def change_for(
         pairs=len(offer.before),
         probability=probability,
         others=tuple((other.change, reached) for reached, other in found[1:]),
-        needed=needed(cell, offer, _pool(calibration, offer), drawn[:_TRIALS], rng) if with_needed else (),
     )
-
-
-def _pool(calibration: Calibration, chosen: Offer) -> Offer:
-    """All pairs of the kind that was chosen."""
-    return next(offer for offer in _offers(calibration, chosen.change) if offer.is_again == chosen.is_again)
-
-
-def _require_pairs(count: int, least: int) -> None:
-    if count < least:
-        raise CalibError(f"found {count} poses to prove a cause by; it takes {FEWEST_PAIRS} pairs: ask for {least}")
 
 
 def _drawn(effect: str, members: Sequence[Effect], draw: Callable[[], Array]) -> DrawnCause:
@@ -223,133 +192,6 @@ def _ends(values: Array | None, low: float, more: float) -> tuple[float, float]:
         return low, more
     least, most = float(values.min()), float(values.max())
     return (least, most) if most > least else (least, least + more)
-
-
-# ---- an arm that was never measured ---------------------------------------------------------------------------------
-
-
-@one_blas_thread()
-def change_for_robot(start: FromRobot, count: int, *, payload_kg: float | None = None, seed: int = 0) -> NextChange:
-    """Pairs of poses without and with a payload that prove which joint, link or other part gives way.
-
-    The probability is over arms of which one part gives way, by as much as is usual.
-
-    Args:
-        start: the arm and its cell.
-        count: number of measurements, two a pair.
-        payload_kg: payload to hang on the flange.
-        seed: of the candidate poses.
-
-    Raises:
-        CalibError: fewer than eight measurements, or too few poses that can be measured.
-    """
-    _require_pairs(count, 2 * FEWEST_PAIRS)
-    rng = np.random.default_rng(seed)
-    change = ConditionChange(PAYLOAD, 0.0, payload_kg or PROOF_PAYLOAD_KG)
-    base_T_scanner = start.cell.base_T_scanner
-    scanner_T_base = np.eye(4) if base_T_scanner is None else frames.invert(base_T_scanner)
-    cell = PairCell(start.dataset, with_masses(start.cell.robot), {start.setup: scanner_T_base}, start.noise_mm)
-    offered = start.poses_at(candidate_poses(start.cell, _NEW_OF_ROBOT, rng=rng))
-    pool = new_pairs(offered, change)
-    offer = yielding_pairs(cell, offered, change, count // 2, rng)
-    for degrees in _STEPS_DEG:
-        near = _near(start.cell, offer.before.q, degrees, rng)
-        offer = yielding_pairs(cell, start.poses_at(near), change, count // 2, rng, begin=True)
-    drawn = _usual_causes(cell, offer, rng)
-    return NextChange(
-        calibration=None,
-        hypotheses=tuple(dict.fromkeys(cause.effect for cause in drawn)),
-        change=change,
-        poses=offer.to_measure,
-        again=(),
-        assumed=False,
-        pairs=len(offer.before),
-        probability=settled_share(cell.measured(offer.both), drawn[:_TRIALS], rng),
-        others=(),
-        needed=tuple(
-            replace(one, size_mm=times * start.noise_mm)
-            for times, probability in _GOALS
-            for one in needed(cell, offer, pool, _sized_causes(cell, pool, times, rng), rng, [probability])
-        ),
-    )
-
-
-def yielding_pairs(
-    cell: PairCell,
-    offered: Poses,
-    change: ConditionChange,
-    count: int,
-    rng: np.random.Generator,
-    *,
-    begin: bool = False,
-) -> Offer:
-    """Pairs of new poses, chosen so that it shows which part of an arm gives way where that hardly exceeds the noise.
-
-    begin: whether the first offered poses are a choice that is only to be improved.
-
-    Raises CalibError where no part shows by the change.
-    """
-    offer = new_pairs(offered, change)
-    made = cell.measured(offer.both)
-    drawn = _usual_causes(cell, offer, rng)
-    found = None if made is None or not drawn else design_of(made, drawn[:_CAUSES], size=_MARGINAL)
-    if found is None:
-        raise CalibError(f"robot {cell.robot.name}: no part of it shows by a payload of {change.after:g} kg")
-    design, _ = found
-    chosen = np.arange(count) if begin else greedy_pairs(design, count)
-    return offer.take(exchanged_pairs(design, chosen))
-
-
-def _usual_causes(cell: PairCell, offer: Offer, rng: np.random.Generator) -> list[DrawnCause]:
-    """Causes of one part each, families equally often, whose size is usual."""
-    made = cell.measured(offer.both)
-    members: dict[str, list[Effect]] = {}
-    for candidate in [] if made is None else candidates_of(made.differences, made.dataset):
-        name = family_name(candidate.member)
-        if name in GIVES_WAY:
-            members.setdefault(name, []).append(candidate.member)
-    drawn = []
-    for k in range(_TRIALS if members else 0):
-        name = list(members)[k % len(members)]
-        member = members[name][int(rng.integers(len(members[name])))]
-        scales = np.array([parameter.scale for parameter in member.parameters])
-        drawn.append(DrawnCause(name, {member: scales * np.abs(rng.standard_normal(len(scales)))}))
-    return drawn
-
-
-def _sized_causes(cell: PairCell, pool: Offer, times_noise: float, rng: np.random.Generator) -> list[DrawnCause]:
-    """Causes of one part each that move the tool by some multiple of the noise, at usual poses under 2 kg.
-
-    Parts that would have to be softer than any are left out.
-    """
-    made, load_kg = cell.measured(pool.both), pool.change.after
-    sized: dict[str, list[tuple[Effect, Array]]] = {}
-    for candidate in [] if made is None else candidates_of(made.differences, made.dataset):
-        scales = np.array([parameter.scale for parameter in candidate.parameters])
-        unit = rng.uniform(0.5, 1.5, len(scales))
-        size = 2.0 * rms(candidate.columns @ unit)  # a row is half a difference, in sigmas
-        assert load_kg is not None
-        values = times_noise * load_kg / PROOF_PAYLOAD_KG / size * unit * scales
-        member, name = candidate.member, family_name(candidate.member)
-        natural = [exceeded_bound(member, p, v, 0.0) is None for p, v in zip(candidate.parameters, values, strict=True)]
-        if name in GIVES_WAY and all(natural) and len(scales) == len(member.parameters):
-            sized.setdefault(name, []).append((member, values))
-    drawn = []
-    for k in range(_TRIALS if sized else 0):
-        name = list(sized)[k % len(sized)]
-        member, values = sized[name][int(rng.integers(len(sized[name])))]
-        drawn.append(DrawnCause(name, {member: values}))
-    return drawn
-
-
-def _near(cell: Workcell, q: Array, degrees: float, rng: np.random.Generator) -> Array:
-    """Joint vectors (K, n) and, after them, some near them that can be measured."""
-    step = np.where(cell.robot.is_revolute, np.radians(degrees), 4.0 * degrees)
-    moved = np.repeat(q, _NEIGHBOURS, axis=0)
-    moves = rng.random(moved.shape) < 0.5
-    moves[~moves.any(axis=1)] = True
-    moved = np.clip(moved + moves * step * rng.standard_normal(moved.shape), cell.low, cell.high)
-    return np.concatenate([q, moved[measurable(cell, moved).ok]])
 
 
 # ---- pairs that can be measured -------------------------------------------------------------------------------------

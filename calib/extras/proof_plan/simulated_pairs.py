@@ -6,7 +6,7 @@ are measured with noise, and `calib.intervention.proof.decided` judges them as i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,10 +28,6 @@ TEMPERATURE = "temperature_c"
 ACTING = (APPROACH, PAYLOAD, TEMPERATURE)
 """Conditions that a change may be of."""
 NEARLY = 0.9  # of what the most measurements reach, from which fewer are enough
-PROBABILITIES = (0.6, 0.9)
-"""For which a plan says what it takes."""
-MOST_PAIRS, MOST_LOAD = 100, 8.0  # times the planned payload, up to which that is looked for
-_OFFERED = 150  # pairs of a pool, beside the planned ones, that more of them are chosen from
 _COUNTS = (8, 12, 20, 40)  # measurements that are tried, the fewest first
 
 
@@ -69,21 +65,6 @@ class Offer:
 
     def take(self, rows: IndexArray) -> Offer:
         return replace(self, before=self.before.select(rows), after=self.after.select(rows))
-
-    def joined(self, other: Offer) -> Offer:
-        """These pairs, then those of another offer that are not among them."""
-        new = np.array([k for k, q in enumerate(other.before.q) if not np.any(np.all(self.before.q == q, axis=1))], int)
-        before = joined_poses(self.before, other.before.select(new))
-        return replace(self, before=before, after=joined_poses(self.after, other.after.select(new)))
-
-    def under_load(self, payload_kg: float) -> Offer:
-        """The same pairs with another payload after the change."""
-        after = self.after.payload_kg
-        assert after is not None
-        heavier = np.where(after == self.change.after, payload_kg, after)
-        return replace(
-            self, change=replace(self.change, after=payload_kg), after=replace(self.after, payload_kg=heavier)
-        )
 
     @property
     def both(self) -> Poses:
@@ -237,101 +218,6 @@ def settled_share(made: MeasuredPairs | None, drawn: Sequence[DrawnCause], rng: 
         proven = {(proof.effect, proof.joint) for proof in found}
         settled += bool(proven) and proven <= cause.carriers
     return settled / len(drawn)
-
-
-# ---- what it takes --------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Needed:
-    """What it takes to prove the true cause with some probability: so many pairs, or a heavier payload."""
-
-    probability: float
-    pairs: int | None  # under the planned change; None where more than `MOST_PAIRS` or all that there are
-    payload_kg: float | None  # with the planned pairs; None beyond `MOST_LOAD` times the planned, and for no payload
-    size_mm: float | None = None
-    """Root mean square a coordinate of what the cause moves by, at usual poses under 2 kg; None: as drawn."""
-
-
-def needed(
-    cell: PairCell,
-    chosen: Offer,
-    pool: Offer,
-    drawn: Sequence[DrawnCause],
-    rng: np.random.Generator,
-    probabilities: Sequence[float] = PROBABILITIES,
-) -> tuple[Needed, ...]:
-    """What it takes to prove the true cause with some probabilities, by simulation, in steps of half and a quarter.
-
-    Args:
-        cell: the arm before its instrument.
-        chosen: the planned pairs.
-        pool: pairs that more of them may be chosen from.
-        drawn: causes that may be true.
-        rng: of the measurements' noise.
-        probabilities: in ascending order.
-    """
-    by_pairs = _reached(cell, _more_pairs(cell, chosen, pool, drawn), drawn, rng, probabilities)
-    by_load = _reached(cell, _heavier(cell, chosen, drawn), drawn, rng, probabilities)
-    return tuple(
-        Needed(share, None if share not in by_pairs else round(by_pairs[share]), by_load.get(share))
-        for share in probabilities
-    )
-
-
-def _reached(
-    cell: PairCell,
-    steps: Iterable[tuple[float, float, Offer]],
-    drawn: Sequence[DrawnCause],
-    rng: np.random.Generator,
-    probabilities: Sequence[float],
-) -> dict[float, float]:
-    """Value of the first step that settles each share; a step: value, the most that it may settle, offer."""
-    found: dict[float, float] = {}
-    for value, most, offer in steps:
-        missing = [share for share in probabilities if share not in found]
-        if not missing:
-            break
-        if most < missing[0]:
-            continue
-        settled = settled_share(cell.measured(offer.both), drawn, rng)
-        found |= {share: value for share in missing if settled >= share}
-    return found
-
-
-def _more_pairs(
-    cell: PairCell, chosen: Offer, pool: Offer, drawn: Sequence[DrawnCause]
-) -> Iterator[tuple[float, float, Offer]]:
-    """The planned pairs, then more and more of a pool, with the number of pairs and nearly what they settle."""
-    count, offered = len(chosen.before), pool.take(np.arange(min(len(pool.before), _OFFERED)))
-    every = chosen.joined(offered)
-    made = cell.measured(every.both)
-    found = None if made is None else design_of(made, drawn)
-    if found is None:
-        return
-    design, shown = found
-    greedy = greedy_pairs(design, MOST_PAIRS, begun=count)
-    yield count, 1.0, chosen
-    while count < len(greedy):
-        count = min(round(1.5 * count), len(greedy))
-        yield count, shown * design.probability_of(greedy[:count]), every.take(greedy[:count])
-
-
-def _heavier(cell: PairCell, chosen: Offer, drawn: Sequence[DrawnCause]) -> Iterator[tuple[float, float, Offer]]:
-    """The planned pairs with a payload that becomes heavier, with the payload and nearly what they settle."""
-    change = chosen.change
-    made = cell.measured(chosen.both)
-    found = None if made is None or change.condition != PAYLOAD else design_of(made, drawn)
-    if found is None or change.before is None or change.after is None:
-        return
-    design, shown = found
-    everything = np.arange(len(chosen.before))
-    factor = 1.0
-    while factor <= MOST_LOAD:
-        heavier = replace(design, causes=factor * design.causes)
-        payload_kg = change.before + factor * (change.after - change.before)
-        yield payload_kg, shown * heavier.probability_of(everything), chosen.under_load(payload_kg)
-        factor *= 1.25
 
 
 def _joint(member: Effect) -> int | None:

@@ -27,7 +27,6 @@ from calib.planning.plan import (
     criterion_of,
     plan_poses,
     task_of_diagnosis,
-    task_of_robot,
 )
 from calib.planning.purpose import FURTHER, PlanPurpose, purposes
 from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
@@ -106,14 +105,12 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
 
 
 def _task(options: PlanOptions, purpose: PlanPurpose) -> PlanTask:
-    """Poses that serve a purpose after a dataset's diagnosis, or of a robot where the purpose is of robots, too."""
-    if options.path.is_dir() and (options.poses is None or not purpose.of_robot):
-        return task_of_diagnosis(purpose, _diagnosis(options), options.add, options.payload_kg)
-    if not purpose.of_robot:
+    """Poses that serve a purpose after a dataset's diagnosis."""
+    if not options.path.is_dir():
         raise CalibError(
             f"{options.path}: --for {purpose.name} settles what a dataset's diagnosis left open; give its folder"
         )
-    return task_of_robot(purpose, _first_start(options), options.poses, options.payload_kg, options.seed)
+    return task_of_diagnosis(purpose, _diagnosis(options), options.add, options.payload_kg)
 
 
 def _diagnosis(options: PlanOptions) -> Diagnosis:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import calibrate, diagnose, plan, screen
+from calib import calibrate, diagnose, screen
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.poses_csv import poses_frame
 from calib.effects.catalogue import effects_for
@@ -102,30 +102,6 @@ def test_the_plan_has_the_columns_that_are_needed(open_set: HypothesisSet, chang
 
 
 @pytest.mark.thorough
-def test_a_plan_says_which_payload_it_takes(open_set: HypothesisSet) -> None:
-    light = change_for(open_set, payload_kg=1.5, count=8, with_needed=True)
-    assert light is not None
-    likely, surely = light.needed
-    assert (likely.probability, surely.probability) == (0.6, 0.9)
-    assert light.probability < 0.6
-    assert likely.payload_kg is not None
-    assert 1.5 < likely.payload_kg <= (surely.payload_kg or np.inf)
-    assert likely.pairs is None or likely.pairs > 8
-    heavier = change_for(open_set, payload_kg=likely.payload_kg, count=8)
-    assert heavier is not None
-    assert heavier.probability > 0.45  # 60 %, by 60 simulated follow-ups
-    told = outcome_words(light)
-    assert "60 % take" in told
-    assert f"{likely.payload_kg:.2g} kg with these pairs" in told
-
-
-def outcome_words(change: NextChange) -> str:
-    criterion = ForProof(change, FromFit(change.calibration)) if change.calibration else None
-    assert criterion is not None
-    return plan_poses(criterion.start, criterion.count, criterion=criterion, candidates=40).summary()
-
-
-@pytest.mark.thorough
 def test_a_heavier_payload_tells_more(open_set: HypothesisSet, change: NextChange) -> None:
     light = change_for(open_set, payload_kg=0.5, count=12)
     assert light is not None
@@ -139,16 +115,3 @@ def test_no_change_is_planned_where_none_moves_the_effects(cell: Cell, open_set:
     assert change_for(HypothesisSet(calibration, hypotheses)) is None
     with pytest.raises(CalibError, match="nothing to prove"):
         for_proof(diagnose(measured(cell, soft=False)))
-
-
-@pytest.mark.thorough
-def test_an_arm_that_was_never_measured_gets_pairs() -> None:
-    planned = plan("rb5", 16, purpose="prove", payload_kg=5.0)
-    payload_kg = planned.poses.payload_kg
-    assert payload_kg is not None
-    without, carrying = (planned.poses.q[payload_kg == level] for level in (0.0, 5.0))
-    assert len(without) == len(carrying) == 8
-    assert np.allclose(without[np.lexsort(without.T)], carrying[np.lexsort(carrying.T)])
-    assert planned.power is not None
-    with pytest.raises(CalibError, match="pairs"):
-        plan("rb5", 5, purpose="prove")

@@ -6,7 +6,6 @@ from typing import Any
 
 from calib.extras.proof_plan.proof_outcome import PairReason, ProofOutcome
 from calib.extras.proof_plan.proof_plan import NextChange
-from calib.extras.proof_plan.simulated_pairs import MOST_LOAD, MOST_PAIRS, Needed
 from calib.intervention.pairs import APPROACH, PAYLOAD
 from calib.present.moves.plans import SURELY, ReasonTold, Told, reason_told, told
 from calib.present.results import document, presentation
@@ -21,10 +20,8 @@ def _of_proof(outcome: ProofOutcome) -> Told:
     return Told(
         f"to prove which is true of {numbers.listing(outcome.hypotheses)}",
         sentences=_proven(outcome),
-        document={
-            "change": change, "hypotheses": outcome.hypotheses, "pairs": outcome.pairs, "needed": outcome.needed,
-        },
-    )  # fmt: skip
+        document={"change": change, "hypotheses": outcome.hypotheses, "pairs": outcome.pairs},
+    )
 
 
 @reason_told.register
@@ -50,29 +47,13 @@ def _proven(outcome: ProofOutcome) -> list[str]:
         f"{numbers.share(power)} instead, if you {condition_change(condition, before, after)}"
         for condition, before, after, power in outcome.others
     ]
-    lines += [_takes(one, outcome) for one in outcome.needed if one.size_mm or one.probability > outcome.power]
-    if outcome.power < SURELY and not outcome.needed:
+    if outcome.power < SURELY:
         lines.append(
             "the others stay open: more pairs (--add) or a heavier payload (--payload-kg) tell more"
             if outcome.condition == PAYLOAD
             else "the others stay open: more pairs (--add) tell more"
         )
     return lines
-
-
-def _takes(needed: Needed, outcome: ProofOutcome) -> str:
-    """Phrase on what it takes to prove a cause with some probability."""
-    most = "more poses than were measured" if outcome.again else f"more than {MOST_PAIRS} pairs"
-    pairs = most if needed.pairs is None else numbers.count(needed.pairs, "pair")
-    of = ""
-    if needed.size_mm is not None:
-        of = f" for a part that moves the tool by {numbers.length(needed.size_mm)} under 2 kg"
-    words = f"{numbers.share(needed.probability)}{of} take {pairs}"
-    if outcome.condition != PAYLOAD or outcome.after is None:
-        return words
-    if needed.payload_kg is None:
-        return f"{words}; with these pairs no payload up to {MOST_LOAD * outcome.after:.3g} kg is enough"
-    return f"{words}, or {needed.payload_kg:.2g} kg with these pairs"
 
 
 # ---- a change to make -----------------------------------------------------------------------------------------------
