@@ -19,8 +19,6 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.errors import CalibError
 from calib.extras.camera.board import Board, board_of
-from calib.extras.camera.board_bend import bent, board_bend
-from calib.extras.camera.focus import Focus, focus_of_views, refocused
 from calib.extras.camera.lens import LENS_NAMES, Lens, project
 from calib.extras.camera.marker_corners import refined_corners
 from calib.extras.camera.observed import IMAGE_SUFFIXES
@@ -46,7 +44,6 @@ _DICTIONARIES = {
     "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
 }
 _ROUNDS = 3  # in which bad corners are left out
-_FOCUS_ROUNDS = 2  # it converges quadratically
 _FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with it
 _FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
 _MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
@@ -456,8 +453,6 @@ class MeasuredViews:
     sigma_px: float
     left_out: Mapping[str, str]  # the reason by the name of the pose
     bad_corners: int = 0  # that lie far from where all others put them, and are left out
-    sag_mm: float = 0.0  # range of the corners' heights over a plane, where the board is bent
-    focus: Focus | None = None  # of each image, where it differs; the views' pixels are free of it
 
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
@@ -465,62 +460,27 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     cv2 = opencv()
     if given is not None and given.size_px != detected.size_px:
         raise _wrong_resolution(given, detected.size_px)
-    fitted = _fitted(cv2, detected, given)
-    focus: Focus | None = None
-    for _ in range(_FOCUS_ROUNDS):
-        focus = focus_of_views(fitted.lens, [best for best, _ in fitted.both], fitted.sigma_px, focus)
-        if focus is None:
-            break
-        views = refocused(detected.views, fitted.lens, focus)
-        fitted = _fitted(cv2, replace(detected, views=views), given, fitted.lens, own_focus=True)
-    poses, left_out = [], dict(fitted.left_out)
-    for best, rival in fitted.both:
-        if rival is not None and rival.squares - best.squares < _TWO_WAYS * fitted.sigma_px**2:
-            left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
-        else:
-            poses.append(best)
-    if not poses:
-        raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
-    return MeasuredViews(fitted.lens, tuple(poses), fitted.sigma_px, left_out, fitted.bad_corners, fitted.sag_mm, focus)
-
-
-@dataclass(frozen=True)
-class _Fitted:
-    lens: Lens
-    sigma_px: float
-    both: list[tuple[ViewPose, ViewPose | None]]  # best and second pose of each view
-    bad_corners: int
-    left_out: Mapping[str, str]
-    sag_mm: float
-
-
-def _fitted(
-    cv2: ModuleType, detected: Detected, given: Lens | None, start: Lens | None = None, own_focus: bool = False
-) -> _Fitted:
-    """Lens and poses of the views without bad corners, and on a board that is bent as the images show it.
-
-    A lens to be found is sought from a start, or from OpenCV's, with `own_focus` as `found_lens` does.
-    """
     views, left_out = detected.views, {}
     whole = {view.pose: view for view in views}
-    lens, sigma_px, both = _lens_and_poses(cv2, detected, given, start, own_focus)
+    lens, sigma_px, both = _lens_and_poses(cv2, detected, given, None)
     for _ in range(_ROUNDS):
         kept, hopeless = _without_bad_corners(lens, [best for best, _ in both], whole)
         if not kept or [len(view.corner) for view in views] == [len(view.corner) for view in kept]:
             break
         views = tuple(kept)
         left_out.update(dict.fromkeys(hopeless, "its corners do not lie as on the board: is something in front of it?"))
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens, own_focus)
-    sag_mm = 0.0
-    for _ in range(_ROUNDS):
-        bend = board_bend(detected.board, lens, [best for best, _ in both], sigma_px)
-        if bend is None:
-            break
-        views = tuple(bent(view, detected.board, bend) for view in views)
-        sag_mm = float(np.ptp([height for view in views for height in view.board_mm[:, 2]]))
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens, own_focus)
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens)
     seen = sum(len(view.corner) for view in detected.views if view.pose not in left_out)
-    return _Fitted(lens, sigma_px, both, seen - sum(len(view.corner) for view in views), left_out, sag_mm)
+    bad_corners = seen - sum(len(view.corner) for view in views)
+    poses = []
+    for best, rival in both:
+        if rival is not None and rival.squares - best.squares < _TWO_WAYS * sigma_px**2:
+            left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
+        else:
+            poses.append(best)
+    if not poses:
+        raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
+    return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners)
 
 
 def _wrong_resolution(given: Lens, size_px: tuple[int, int]) -> CalibError:
@@ -532,7 +492,7 @@ def _wrong_resolution(given: Lens, size_px: tuple[int, int]) -> CalibError:
 
 
 def _lens_and_poses(
-    cv2: Any, detected: Detected, given: Lens | None, start: Lens | None, own_focus: bool
+    cv2: Any, detected: Detected, given: Lens | None, start: Lens | None
 ) -> tuple[Lens, float, list[tuple[ViewPose, ViewPose | None]]]:
     """Lens, pixel noise, and the best and second pose of each view."""
     if given is not None:
@@ -540,7 +500,7 @@ def _lens_and_poses(
         return given, noise_px([best for best, _ in both]), both
     start = start or _first_lens(cv2, detected)
     poses = [_best_pose(cv2, start, view)[0] for view in detected.views]
-    found: FoundLens = found_lens(start, poses, own_focus=own_focus)
+    found: FoundLens = found_lens(start, poses)
     return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
 
 
@@ -585,7 +545,7 @@ def _first_lens(cv2: Any, detected: Detected) -> Lens:
             f"the lens cannot be found from the images ({why}; {_FEWEST_VIEWS} images of a board are needed); give it "
             "by --intrinsics FILE, such as ROS's camera_info.yaml"
         )
-    board = [_flat(view).astype(np.float32) for view in views]
+    board = [view.board_mm.astype(np.float32) for view in views]
     seen = [view.pixels.astype(np.float32) for view in views]
     try:
         _, matrix, distortion, _, _ = cv2.calibrateCamera(board, seen, detected.size_px, None, None)
@@ -597,16 +557,11 @@ def _first_lens(cv2: Any, detected: Detected) -> Lens:
     return Lens(*detected.size_px, tuple(map(float, numbers)))
 
 
-def _flat(view: View) -> Array:
-    """Corners (N, 3) of the board as if it were flat, as OpenCV's first guesses require."""
-    return np.asarray(view.board_mm * [1.0, 1.0, 0.0])
-
-
 def _best_pose(cv2: Any, lens: Lens, view: View) -> tuple[ViewPose, ViewPose | None]:
     """Best pose of the board in a view, and the other of the two that a flat board has, None where it is the same."""
     numbers = np.array(lens.numbers)
     _, turns, shifts, _ = cv2.solvePnPGeneric(
-        _flat(view), view.pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE
+        view.board_mm, view.pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE
     )
     found = []
     for turn, shift in zip(turns, shifts, strict=True):

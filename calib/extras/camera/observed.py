@@ -105,8 +105,8 @@ def load_camera(table: TomlTable, folder: Path, poses: Poses) -> CameraViews | N
     numbers = [table.required_number(name) for name in names]
     numbers += [table.number(name, 0.0) or 0.0 for name in LENS_NAMES[_IN_PIXELS:]]
     size = [table.required_number(name) for name in ("width_px", "height_px")]
-    for name, value in zip((*names, "width_px", "height_px"), (*numbers, *size), strict=False):
-        if not 0.0 < abs(value) < _LARGEST_PX:
+    for name, value in zip((*names, "width_px", "height_px"), (*numbers[:_IN_PIXELS], *size), strict=True):
+        if not (abs(value) < _LARGEST_PX and (value > 0.0 or name in ("cx_px", "cy_px"))):
             raise table.error(name, f"found {value:g}", "a number of pixels is needed")
     sigma_px = table.required_number("pixel_sigma_px")
     if not 0.0 < sigma_px <= _MOST_SIGMA_PX:

@@ -118,10 +118,9 @@ class FoundLens:
     sigma_px: float
 
 
-def found_lens(start: Lens, poses: Sequence[ViewPose], *, own_focus: bool = False) -> FoundLens:
+def found_lens(start: Lens, poses: Sequence[ViewPose]) -> FoundLens:
     """Lens and board poses with the least squared pixel errors of all views, and the lens's covariance.
 
-    With `own_focus` each view has a focal length of its own, so that the common one stays as at the start.
     Raises CalibError where the views do not determine the lens.
     """
     free = [LENS_NAMES.index(name) for name in FREE_NAMES]
@@ -132,8 +131,6 @@ def found_lens(start: Lens, poses: Sequence[ViewPose], *, own_focus: bool = Fals
         for one in poses:
             _, columns, by_numbers = view_columns(numbers, one.camera_T_board, one.view.board_mm)
             flat, by_free = columns.reshape(-1, 6), by_numbers.reshape(-1, len(numbers))[:, free]
-            if own_focus:
-                flat = np.column_stack([flat, (by_numbers[..., :2] @ numbers[:2]).ravel()])
             apart = by_free - flat @ np.linalg.lstsq(flat, by_free, rcond=None)[0]
             information += apart.T @ apart
             right += apart.T @ one.error_px.ravel()
@@ -141,10 +138,6 @@ def found_lens(start: Lens, poses: Sequence[ViewPose], *, own_focus: bool = Fals
         if not np.all(scale > 0.0):
             raise CalibError("the images do not tell the lens; give it by --intrinsics")
         shaped = information / np.outer(scale, scale)
-        if own_focus:
-            longer = np.zeros(len(free))
-            longer[:2] = numbers[:2] * scale[:2]
-            shaped += np.outer(longer, longer) / (longer @ longer)
         if np.linalg.eigvalsh(shaped)[0] < _LEAST_SHARE:
             raise CalibError(
                 f"the {len(poses)} images do not tell the lens: the board is seen from too few sides; tilt it or the "

@@ -30,17 +30,11 @@ def simulated_views(
     sigma_px: float,
     lens: Lens | None = None,
     swell: float = 1.0,
-    bend_mm: float = 0.0,
 ) -> MeasuredViews:
-    """Board poses of a scene; `swell` is the size of the printed board over what is told of it.
-
-    `bend_mm` is by how much its left and right sides lie behind its middle, by which it is rolled.
-    """
+    """Board poses of a scene; `swell` is the size of the printed board over what is told of it."""
     views = []
     for k, name in enumerate(scene.names):
-        at_mm = swell * board.corners_mm
-        at_mm[:, 2] += bend_mm * (2.0 * at_mm[:, 0] / board.size_mm[0]) ** 2
-        pixels = scene.pixels(k, at_mm)
+        pixels = scene.pixels(k, swell * board.corners_mm)
         seen = np.flatnonzero(np.all((pixels > 0) & (pixels < np.array(SIZE_PX)), axis=1))
         if len(seen) >= 8:
             noisy = pixels[seen] + rng.normal(size=(len(seen), 2)) * sigma_px
@@ -56,14 +50,13 @@ def simulated_dataset(
     sigma_px: float,
     lens: Lens | None = None,
     swell: float = 1.0,
-    bend_mm: float = 0.0,
     board_sigma: float = 0.0,
 ) -> Dataset:
     """Dataset of a scene, all poses for training; the lens is found from the views where None is given.
 
     `board_sigma` is the told standard deviation of the board's size, a share of it.
     """
-    found = simulated_views(scene, board, rng, sigma_px=sigma_px, lens=lens, swell=swell, bend_mm=bend_mm)
+    found = simulated_views(scene, board, rng, sigma_px=sigma_px, lens=lens, swell=swell)
     names = tuple(one.view.pose for one in found.poses)
     views = CameraViews(
         replace(found.lens, covariance=None), board.text, found.sigma_px,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,7 +20,7 @@ from calib.extras.camera.lens import project
 from calib.extras.camera.observed import camera_of
 from calib.extras.camera.static_transform import StaticTransform, transform_text
 from tests.extras.camera.camera_dataset import simulated_dataset, true_lens
-from tests.support.camera_scene import Scene
+from tests.support.camera_scene import MATRIX, SIZE_PX, Scene
 
 ROS = """image_width: 1280
 image_height: 960
@@ -28,6 +30,17 @@ distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.11, 0.07, 0.0008, -0.0005, 0.01]}
 """
 NUMBERS = (1150.0, 1146.0, 630.0, 492.0, -0.11, 0.07, 0.0008, -0.0005, 0.01)
+BOARD = board_of("charuco:8x6:30:22")
+
+
+def _write_lens(path: Path, distortion: np.ndarray) -> Path:
+    """A lens as OpenCV's FileStorage writes it."""
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in (("image_width", SIZE_PX[0]), ("image_height", SIZE_PX[1]), ("camera_matrix", MATRIX)):
+        storage.write(name, value)
+    storage.write("distortion_coefficients", distortion)
+    storage.release()
+    return path
 
 
 def test_a_lens_projects_as_opencv_does():
@@ -42,19 +55,13 @@ def test_a_lens_projects_as_opencv_does():
 @pytest.mark.parametrize("suffix", [".yaml", ".yml", ".xml", ".json", "message.yaml"])
 def test_lenses_of_ros_and_opencv_are_read(tmp_path, suffix):
     path = tmp_path / f"lens{suffix}"
-    matrix = np.array([[1150.0, 0, 630], [0, 1146, 492], [0, 0, 1]])
     if suffix == ".yaml":
         path.write_text(ROS)
     elif suffix == "message.yaml":
-        k = matrix.ravel().tolist()
+        k = MATRIX.ravel().tolist()
         path.write_text(json.dumps({"height": 960, "width": 1280, "k": k, "d": list(NUMBERS[4:])}))
     else:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-        storage.write("image_width", 1280)
-        storage.write("image_height", 960)
-        storage.write("camera_matrix", matrix)
-        storage.write("distortion_coefficients", np.array([NUMBERS[4:]]))
-        storage.release()
+        _write_lens(path, np.array([NUMBERS[4:]]))
     lens = load_lens(path)
     assert (lens.width_px, lens.height_px) == (1280, 960)
     assert lens.numbers[:9] == pytest.approx(NUMBERS)
@@ -181,19 +188,30 @@ def test_a_frame_name_that_breaks_a_file_is_refused():
         StaticTransform('tool0" x="', "camera", np.eye(4), np.eye(6))
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("bend_mm", [0.0, 0.6])
-@pytest.mark.parametrize("lens", [None, true_lens()], ids=["found lens", "given lens"])
-def test_the_bend_of_a_board_is_found_and_kept(bend_mm, lens, tmp_path):
-    """A flat board has none; of one that is rolled by 0.6 mm the pixels' noise alone is left."""
+@pytest.mark.parametrize("number", [*range(2, 12), None])
+def test_a_lens_with_a_zero_is_kept(number, tmp_path):
+    """A rectified image has no distortion, and its principal point may lie on the image's rim."""
     rng = np.random.default_rng(3)
-    scene = Scene.draw(rng, on_flange=True, poses=16)
-    dataset = simulated_dataset(scene, board_of("charuco:8x6:30:22"), rng, sigma_px=0.1, lens=lens, bend_mm=bend_mm)
-    assert camera_of(dataset).sigma_px == pytest.approx(0.1, rel=0.06)
-    x_mm, z_mm = camera_of(dataset).board_mm[:, 0], camera_of(dataset).board_mm[:, 2]
-    if not bend_mm:
-        assert not z_mm.any()
-    else:
-        assert np.polyfit(x_mm / 120.0, z_mm, 2)[0] == pytest.approx(bend_mm, rel=0.1)
-    write_dataset(dataset, tmp_path / "cell")
-    np.testing.assert_allclose(camera_of(load_dataset(tmp_path / "cell")).board_mm[:, 2], z_mm, atol=1e-9)
+    made = simulated_dataset(Scene.draw(rng, on_flange=True, poses=6), BOARD, rng, sigma_px=0.1, lens=true_lens())
+    numbers = np.array(true_lens().numbers)
+    numbers[slice(4, None) if number is None else number] = 0.0
+    lens = replace(true_lens(), numbers=tuple(numbers.tolist()))
+    views = replace(camera_of(made), lens=lens)
+    write_dataset(replace(made, attachments={"camera": views}), tmp_path / "cell")
+    assert camera_of(load_dataset(tmp_path / "cell")).lens == lens
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".xml", ".json"])
+@pytest.mark.parametrize("distortion", [np.zeros((1, 5)), np.zeros((5, 1)), np.zeros((0, 0))])
+def test_a_lens_file_without_distortion_is_read(suffix, distortion, tmp_path):
+    path = _write_lens(tmp_path / f"lens{suffix}", distortion)
+    assert load_lens(path).numbers == (*NUMBERS[:4], *[0.0] * 8)
+
+
+@pytest.mark.parametrize(
+    "told", ["{rows: 1, cols: 5, data: [0.0, 0.0, 0, 0, 0]}", "{rows: 0, cols: 0, data: []}", "[]", "0", "null"]
+)
+def test_a_camera_info_without_distortion_is_read(told, tmp_path):
+    path = tmp_path / "lens.yaml"
+    path.write_text(ROS.partition("distortion_coefficients")[0] + f"distortion_coefficients: {told}\n")
+    assert load_lens(path).numbers == (*NUMBERS[:4], *[0.0] * 8)

@@ -22,7 +22,6 @@ from calib.errors import CalibError
 from calib.extras.camera.board import board_of
 from calib.extras.camera.board_hand_eye import board_hand_eye
 from calib.extras.camera.detection import Detected, MeasuredViews, detect, image_files, measure
-from calib.extras.camera.focus import focus_errors
 from calib.extras.camera.importing.intrinsics import load_lens
 from calib.extras.camera.importing.marker_poses import load_marker_poses
 from calib.extras.camera.observed import NAME, CameraViews
@@ -206,8 +205,7 @@ def camera_points(
     return CameraPoints(
         names,
         np.stack([one.camera_T_board for one in measured.poses]),
-        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses])
-        + (0.0 if measured.focus is None else focus_errors(measured.lens, measured.poses, measured.focus)),
+        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses]),
         shared_errors(measured.lens, measured.poses, board_sigma),
         views,
         choice.mount,
@@ -243,17 +241,6 @@ def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> 
             * (measured.bad_corners > 0)
         )
     )
-    if measured.sag_mm:
-        notes.append(
-            f"the board is bent: its corners lie {measured.sag_mm:.2g} mm apart across its plane, by the images; that "
-            "is counted, and a flat one would be better: glue it to glass or aluminium"
-        )
-    if measured.focus is not None:
-        notes.append(
-            f"the focal length differs from image to image, by {100.0 * measured.focus.spread:.2g} % (standard "
-            "deviation), as of a camera that focuses anew: each image's own is found from its perspective, its corners "
-            "are kept as the common lens would see them, and distances are less exact for it; lock the camera's focus"
-        )
     lens, sigma = measured.lens, measured.lens.sigmas
     if choice.intrinsics is None:
         four = ", ".join(

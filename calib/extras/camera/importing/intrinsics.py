@@ -18,11 +18,11 @@ _DISTORTION = (
     "d",
 )  # fmt: skip
 _WIDTH, _HEIGHT = ("image_width", "width"), ("image_height", "height")
-_MODELS = ("plumb_bob", "rational_polynomial", "brown_conrady", "pinhole", "opencv", "radtan", "")
+_MODELS = ("plumb_bob", "rational_polynomial", "brown_conrady", "pinhole", "opencv", "radtan", "none", "")
 
 
-def load_lens(path: Path, size_px: tuple[int, int] | None = None) -> Lens:
-    """Lens of a file; `size_px`, width and height, where the file does not tell it. Raises CalibError."""
+def load_lens(path: Path) -> Lens:
+    """Lens of a file. Raises CalibError."""
     if path.suffix.lower() not in SUFFIXES:
         raise CalibError(f"--intrinsics {path}: {' '.join(SUFFIXES)} can be read")
     found = documents(path)
@@ -39,7 +39,7 @@ def load_lens(path: Path, size_px: tuple[int, int] | None = None) -> Lens:
     numbers[:4] = _matrix(path, keys)
     distortion = _distortion(path, keys)
     numbers[4 : 4 + len(distortion)] = distortion
-    width, height = _size(keys) or size_px or (0, 0)
+    width, height = _size(keys) or (0, 0)
     if width < 1 or height < 1:
         raise CalibError(f"{path}: has no image_width and image_height, in pixels; add them")
     fx, fy, cx, cy = numbers[:4]
@@ -70,8 +70,8 @@ def _distortion(path: Path, keys: dict[str, Any]) -> Array:
     named = [keys.get(name, 0.0) for name in LENS_NAMES[4:]]
     for name in _DISTORTION:
         if name in keys:
-            value = keys[name]
-            found = np.zeros(0) if value in ([], None) else number_array(value)
+            value = keys[name].get("data") if isinstance(keys[name], dict) else keys[name]
+            found = number_array(value) if value else np.zeros(0)  # none, an empty matrix or a single 0: no distortion
             if found is None or (len(found) > 8 and np.any(found[8:])):
                 raise CalibError(f"{path}: {name}: up to 8 numbers are needed, k1 k2 p1 p2 k3 k4 k5 k6")
             return found[:8]

@@ -1,4 +1,4 @@
-"""Images whose focal length changes, and images with something in front of the board: the poses stay honest."""
+"""Images with something in front of the board: the poses stay honest."""
 
 from __future__ import annotations
 
@@ -10,22 +10,19 @@ import pytest
 
 from calib.extras.camera.board import board_of
 from calib.extras.camera.detection import Detected, MeasuredViews, measure
-from calib.extras.camera.focus import focus_errors
 from calib.extras.camera.view import View, covariance_of, shared_errors
 from tests.extras.camera.camera_dataset import true_lens
-from tests.support.camera_scene import MATRIX, SIZE_PX, Scene
+from tests.support.camera_scene import SIZE_PX, Scene
 
 BOARD = board_of("charuco:9x7:25:18")
 NOISE_PX = 0.03
 
 
-def views_of(rng: np.random.Generator, longer: np.ndarray) -> tuple[Scene, list[View]]:
-    """Views of a scene whose images have focal lengths that are longer by shares."""
-    scene, views = Scene.draw(rng, on_flange=True, poses=len(longer)), []
-    for k, (name, share) in enumerate(zip(scene.names, longer, strict=True)):
-        matrix = MATRIX * np.array([[1.0 + share], [1.0 + share], [1.0]])
-        matrix[:2, 2] = MATRIX[:2, 2]
-        pixels = replace(scene, matrix=matrix).pixels(k, BOARD.corners_mm)
+def views_of(rng: np.random.Generator, poses: int) -> tuple[Scene, list[View]]:
+    """Views of a scene."""
+    scene, views = Scene.draw(rng, on_flange=True, poses=poses), []
+    for k, name in enumerate(scene.names):
+        pixels = scene.pixels(k, BOARD.corners_mm)
         number = np.arange(len(pixels))
         views.append(View(name, number, BOARD.corners_mm, pixels + NOISE_PX * rng.normal(size=pixels.shape)))
     return scene, views
@@ -39,32 +36,13 @@ def squared_sigmas(scene: Scene, found: MeasuredViews) -> list[float]:
         turn = cv2.Rodrigues(one.camera_T_board[:3, :3] @ true[:3, :3].T)[0].ravel()
         error = np.concatenate([one.camera_T_board[:3, 3] - true[:3, 3], turn])
         covariance = covariance_of(one, found.sigma_px) + shared @ shared.T
-        if found.focus is not None:
-            covariance = covariance + focus_errors(found.lens, [one], found.focus)[0]
         out.append(float(error @ np.linalg.solve(covariance, error)) / 6.0)
     return out
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("spread", [0.0, 0.005])
-def test_a_camera_that_focuses_anew_is_told_and_its_distances_keep_to_their_sigmas(spread):
-    rng = np.random.default_rng(3)
-    longer = spread * rng.normal(size=12)
-    scene, views = views_of(rng, longer)
-    found = measure(Detected(BOARD, SIZE_PX, tuple(views), {}, ()), None)
-    if not spread:
-        assert found.focus is None
-    else:
-        assert found.focus is not None
-        assert 0.7 * np.std(longer) < found.focus.spread < 1.4 * np.std(longer)
-    assert found.sigma_px == pytest.approx(NOISE_PX, rel=0.15)
-    weighed = squared_sigmas(scene, found)
-    assert 0.4 < np.mean(weighed) < 1.8
-
-
 def test_corners_of_what_is_in_front_of_the_board_are_left_out_and_an_image_full_of_them_is_named():
     rng = np.random.default_rng(4)
-    scene, views = views_of(rng, np.zeros(10))
+    scene, views = views_of(rng, 10)
     for k, count in ((2, 10), (5, 16), (7, 40)):
         pixels = views[k].pixels.copy()
         pixels[:count] += rng.uniform(2.0, 12.0, size=(count, 2))
