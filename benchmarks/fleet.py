@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -33,10 +34,10 @@ sys.path.insert(0, str(ROOT))
 from calib.dataset.dataset import About  # noqa: E402
 from calib.dataset.files.folder import load_dataset, write_dataset  # noqa: E402
 from calib.dataset.files.robot_toml import builtin_robot  # noqa: E402
-from calib.extras.fleet.cluster import local_workers  # noqa: E402
 from calib.extras.fleet.discovery import discover  # noqa: E402
 from calib.extras.fleet.run import run_fleet  # noqa: E402
 from calib.extras.fleet.table import table_bytes  # noqa: E402
+from calib.extras.fleet.workers import local_workers  # noqa: E402
 from calib.scans.scan import Scan, load_scan, write_scan  # noqa: E402
 from calib.simulation.measured_dataset import write_simulation  # noqa: E402
 from calib.simulation.simulate import simulate_dataset  # noqa: E402
@@ -78,13 +79,13 @@ def run(folder: Path, workers: int, *, kill: bool) -> None:
     """Results of one run, as JSON."""
     memory: list[float] = []
     started, spent = time.perf_counter(), time.process_time()
-    with tempfile.TemporaryDirectory() as results, local_workers(workers) as pool:
+    with tempfile.TemporaryDirectory() as results, local_workers(workers, 1800.0) as pool:
         up = time.perf_counter() - started
 
         def on_progress(done: int, total: int, path: str) -> None:
             memory.append(memory_mb("VmRSS"))
             if kill and len(memory) == max(1, total // 4):
-                os.kill(min(pool.executor.pids), 9)  # type: ignore[union-attr]
+                multiprocessing.active_children()[0].kill()
 
         fleet = run_fleet(discover(folder / "fleet"), Path(results), pool, on_progress=on_progress)
     count = len(fleet.rows) + len(fleet.failures)

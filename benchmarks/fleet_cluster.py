@@ -42,7 +42,6 @@ from calib.dataset.dataset import About  # noqa: E402
 from calib.dataset.files.folder import write_dataset  # noqa: E402
 from calib.dataset.files.robot_toml import builtin_robot  # noqa: E402
 from calib.errors import CalibError  # noqa: E402
-from calib.extras.fleet.cluster import cluster_workers  # noqa: E402
 from calib.extras.fleet.discovery import discover  # noqa: E402
 from calib.extras.fleet.drift import Drift  # noqa: E402
 from calib.extras.fleet.result import Fleet  # noqa: E402
@@ -50,6 +49,7 @@ from calib.extras.fleet.row import Row  # noqa: E402
 from calib.extras.fleet.run import run_fleet  # noqa: E402
 from calib.extras.fleet.shared_causes import shared_causes  # noqa: E402
 from calib.extras.fleet.table import table_bytes  # noqa: E402
+from calib.extras.fleet.workers import cluster_workers  # noqa: E402
 from calib.simulation.simulate import simulate_dataset  # noqa: E402
 from inspector.extras.fleet.fleet_page import fleet_html  # noqa: E402
 
@@ -140,7 +140,7 @@ def run(folder: Path, address: str, kill: subprocess.Popen[bytes] | None) -> Fle
             killed.append(child_of(kill))
             os.kill(killed[0], signal.SIGKILL)
 
-    with tempfile.TemporaryDirectory() as results, cluster_workers(address, folder) as pool:
+    with tempfile.TemporaryDirectory() as results, cluster_workers(address, folder, 1800.0) as pool:
         fleet = run_fleet(found, Path(results), pool, on_progress=on_progress)
     wall = time.perf_counter() - begun
     with distributed_client(address) as client:

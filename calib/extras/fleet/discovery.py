@@ -49,29 +49,16 @@ def discover(folder: Path) -> Discovered:
 def _walk(folder: Path) -> Iterator[tuple[str, str]]:
     """Pairs of path and reason: each dataset with reason "", each folder that cannot be listed with the reason."""
     seen: set[tuple[int, int]] = set()
-    waiting = [Path()]
-    while waiting:
-        below = waiting.pop(0)  # all of one level before the next: the shorter of two ways to a folder is kept
-        place = folder / below
-        try:
-            status = place.stat()
-            if (status.st_dev, status.st_ino) in seen:
-                continue
-            seen.add((status.st_dev, status.st_ino))
-            with os.scandir(place) as entries:
-                inside = sorted(entries, key=lambda entry: entry.name)
-            if any(entry.name == "dataset.toml" for entry in inside):
-                yield below.as_posix(), ""
-                continue
-            if len(below.parts) >= MOST_LEVELS:
-                continue
-            waiting += [below / e.name for e in inside if not e.name.startswith(".") and _is_folder(e)]
-        except OSError as error:
-            yield below.as_posix(), f"cannot be looked into ({error.strerror or error})"
-
-
-def _is_folder(entry: os.DirEntry[str]) -> bool:
-    try:
-        return entry.is_dir()
-    except OSError:  # a circle of links
-        return False
+    refused: list[OSError] = []
+    for place, below, files in os.walk(folder, followlinks=True, onerror=refused.append):
+        status, path = Path(place).stat(), Path(place).relative_to(folder)
+        known = (status.st_dev, status.st_ino) in seen
+        seen.add((status.st_dev, status.st_ino))
+        is_dataset = "dataset.toml" in files
+        if is_dataset and not known:
+            yield path.as_posix(), ""
+        go_on = not (known or is_dataset) and len(path.parts) < MOST_LEVELS
+        below[:] = sorted(name for name in below if not name.startswith(".")) if go_on else []
+    for error in refused:
+        path = Path(error.filename).relative_to(folder)
+        yield path.as_posix(), f"cannot be looked into ({error.strerror or error})"

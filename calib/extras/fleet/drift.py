@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.search_space import add_in_turn
 from calib.errors import CalibError
-from calib.extras.fleet.judge import FleetOptions, FoundCorners, one_blas_thread_for_good, one_line
+from calib.extras.fleet.judge import FleetOptions, FoundCorners, one_line
 from calib.extras.fleet.row import Row
-from calib.extras.fleet.time_limit import OutOfTime, time_limit
 from calib.plugins import contributions, load
 from calib.validation.cell_changes import NOT_OF_THE_ARM, CellChanges, Change, ChangeTest
 
@@ -50,7 +48,6 @@ class DriftTask:
     base_corners: FoundCorners | None
     later_corners: FoundCorners | None
     options: FleetOptions
-    own_process: bool = False
 
 
 def change_test() -> ChangeTest | None:
@@ -77,22 +74,10 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
 
 def compare(task: DriftTask) -> Drift:
     """Changes between two datasets of an arm, or the reason why they cannot be compared."""
-    if task.own_process:
-        one_blas_thread_for_good()
     try:
-        with time_limit(task.options.limit_s, end_process=task.own_process), one_blas_thread():
-            return _compared(task)
-    except OutOfTime:
-        return not_compared(task, f"took longer than {task.options.limit_s:g} s")
+        return _compared(task)
     except CalibError as error:
-        return replace(not_compared(task, str(error)), settled=True)
-    except Exception as error:
-        return not_compared(task, f"{type(error).__name__}: {error}")
-
-
-def not_compared(task: DriftTask, reason: str) -> Drift:
-    """Result of a comparison that was not possible, with the reason."""
-    return Drift(task.base, task.later, "", (), None, None, reason=one_line(reason), settled=False)
+        return Drift(task.base, task.later, "", (), None, None, reason=one_line(str(error)))
 
 
 def _compared(task: DriftTask) -> Drift:

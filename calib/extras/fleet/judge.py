@@ -15,7 +15,6 @@ import numpy as np
 
 import calib
 from calib.api.validation import check
-from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
@@ -26,9 +25,7 @@ from calib.diagnosis.causes import main_value, moved_mm
 from calib.diagnosis.headline import headline_of
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import family_name
-from calib.errors import CalibError
-from calib.extras.fleet.row import EffectSize, Failure, Rmse, Row
-from calib.extras.fleet.time_limit import OutOfTime, time_limit
+from calib.extras.fleet.row import EffectSize, Rmse, Row
 from calib.measurement.measured_points import failed_searches, found_corners, require_corners
 from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -46,7 +43,6 @@ class FleetOptions:
 
     fit: FitOptions = field(default_factory=FitOptions)
     max_test_rmse_mm: float | None = None  # largest error of the test poses; None: less than that of the nominal robot
-    limit_s: float = 1800.0  # longest time for one dataset
 
 
 @dataclass(frozen=True)
@@ -57,7 +53,6 @@ class Task:
     path: str  # of the dataset below it
     options: FleetOptions
     known: str = ""  # key of the row of an earlier run
-    own_process: bool = False  # whether the process does only such tasks, and may be ended
 
 
 @dataclass(frozen=True)
@@ -86,40 +81,19 @@ class Judged:
     seconds: float
 
 
-@dataclass(frozen=True)
-class Unchanged:
-    """Marker for a dataset whose row of an earlier run is still valid."""
-
-    path: str
-
-
-def judge(task: Task) -> Judged | Unchanged | Failure:
-    """Row of the fleet's table for one dataset; any error becomes a Failure with one line."""
-    if task.own_process:
-        one_blas_thread_for_good()
-    try:
-        with time_limit(task.options.limit_s, end_process=task.own_process), one_blas_thread():
-            return _judged(task)
-    except OutOfTime:
-        return Failure(task.path, f"took longer than {task.options.limit_s:g} s")
-    except CalibError as error:
-        return Failure(task.path, one_line(str(error)))
-    except Exception as error:
-        return Failure(task.path, one_line(f"{type(error).__name__}: {error}"))
-
-
 def one_line(words: str) -> str:
     """A text as one line of bounded length."""
     line = " ".join(words.split())
     return line if len(line) <= LONGEST_REASON else f"{line[: LONGEST_REASON - 3]}..."
 
 
-def _judged(task: Task) -> Judged | Unchanged:
+def judge(task: Task) -> Judged | None:
+    """Row of the fleet's table for one dataset; None where that of an earlier run is still valid."""
     started = perf_counter()
     dataset = load_dataset(Path(task.folder) / task.path)
     key = row_key(fingerprint(dataset), task.options)
     if key == task.known:
-        return Unchanged(task.path)
+        return None
     searches = None
     if dataset.points is None:
         searches = find_targets(dataset, intermediate=False)
@@ -257,13 +231,3 @@ def versions() -> dict[str, str]:
         digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     libraries = {name: version(name) for name in PACKAGES}
     return {"program": digest.hexdigest(), "python": platform.python_version(), **libraries}
-
-
-@cache
-def one_blas_thread_for_good() -> None:
-    """Limit BLAS to one thread for the rest of a worker's life, whatever tasks set or restore."""
-    from threadpoolctl import threadpool_limits
-
-    with one_blas_thread():
-        pass  # now every library is loaded whose threads are to be limited
-    threadpool_limits(limits=1)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -14,30 +12,13 @@ import msgspec
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError, DatasetError
 from calib.extras.fleet.drift import Drift
-from calib.extras.fleet.judge import FoundCorners, Judged
-from calib.extras.fleet.row import Row
+from calib.extras.fleet.judge import Judged
 from calib.strict_json import JsonFile, to_json
 
-KIND, VERSION = "robot-calibration-inspector fleet result", 1
+KIND, VERSION = "robot-calibration-inspector fleet result", 2
 SIZE_LIMIT = 100_000_000  # bytes; a thousand corners are 0.4 MB
 
-Kept = TypeVar("Kept")
-
-
-class _JudgedFile(msgspec.Struct):
-    format: str
-    version: int
-    key: str
-    row: Row
-    corners: FoundCorners | None
-    seconds: float
-
-
-class _DriftFile(msgspec.Struct):
-    format: str
-    version: int
-    key: str
-    drift: Drift
+Kept = TypeVar("Kept", Judged, Drift)
 
 
 @dataclass(frozen=True)
@@ -46,72 +27,50 @@ class KeptResults:
 
     folder: Path
 
-    @contextmanager
-    def held(self) -> Iterator[None]:
-        """Context that locks the folder for one run. Raises DatasetError where another run has it locked.
-
-        Raises it, too, where the folder cannot be made.
-        """
+    def begin(self, *, fresh: bool) -> None:
+        """Make the folder, and delete what is in it for a fresh start. Raises DatasetError where it cannot."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            lock = (self.folder / ".lock").open("a")
+            for path in self.folder.glob("*.json") if fresh else ():
+                path.unlink(missing_ok=True)
         except OSError as error:
             raise DatasetError(
                 f"{self.folder}: cannot be written ({error.strerror or error}); name another place for the table"
             ) from None
-        with lock:
-            try:
-                import fcntl
-
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # it ends with the process, however that ends
-            except ImportError:  # a system without file locks: two runs are not kept apart there
-                pass
-            except OSError:
-                raise DatasetError(
-                    f"{self.folder}: another run is writing there; wait for it, or name another table"
-                ) from None
-            yield
-
-    def forget(self) -> None:
-        """Delete all stored results."""
-        for path in self.folder.glob("*.json"):
-            path.unlink(missing_ok=True)
 
     def store(self, judged: Judged) -> None:
         """Write the result of a dataset, replacing an earlier one."""
-        self._write(
-            self._place(judged.row.path),
-            {"key": judged.key, "row": judged.row, "corners": judged.corners, "seconds": judged.seconds},
-        )
+        self._write(judged.row.path, judged)
 
     def judged(self, path: str) -> Judged | None:
         """Stored result of a dataset; None where there is none."""
-        file = self._read(self._place(path), _JudgedFile)
-        if file is None or file.row.path != path:
-            return None
-        return Judged(file.key, file.row, file.corners, file.seconds)
+        return self._read(path, Judged)
+
+    def surely(self, path: str) -> Judged:
+        """Stored result of a dataset that has one. Raises DatasetError where another run has deleted it."""
+        judged = self.judged(path)
+        if judged is None:
+            raise DatasetError(f"{self.folder}: the result of {path} is gone; start again, one run at a time")
+        return judged
 
     def store_drift(self, drift: Drift, key: str) -> None:
-        """Write the comparison of two datasets of an arm."""
-        self._write(self._place(drift.base, drift.later), {"key": key, "drift": drift})
+        """Write the comparison of two datasets of an arm, under the key of both."""
+        self._write(key, drift)
 
-    def drift(self, base: str, later: str, key: str) -> Drift | None:
+    def drift(self, key: str) -> Drift | None:
         """Stored comparison of two datasets of an arm, by its key; None where there is none."""
-        file = self._read(self._place(base, later), _DriftFile)
-        return file.drift if file is not None and file.key == key else None
+        return self._read(key, Drift)
 
-    def _place(self, *paths: str) -> Path:
-        return self.folder / f"{hashlib.sha256(chr(0).join(paths).encode()).hexdigest()[:32]}.json"
+    def _place(self, name: str) -> Path:
+        return self.folder / f"{hashlib.sha256(name.encode()).hexdigest()[:32]}.json"
 
-    def _write(self, path: Path, content: dict[str, object]) -> None:
-        document = {"format": KIND, "version": VERSION, **msgspec.to_builtins(content)}
-        write_text_atomically(path, to_json(document) + "\n")
+    def _write(self, name: str, result: Judged | Drift) -> None:
+        document = {"format": KIND, "version": VERSION, "result": msgspec.to_builtins(result)}
+        write_text_atomically(self._place(name), to_json(document) + "\n")
 
-    def _read(self, path: Path, kind: type[Kept]) -> Kept | None:
-        if not path.exists():
-            return None
-        file = JsonFile(path, "fleet result", "it is made again", CalibError, SIZE_LIMIT)
+    def _read(self, name: str, kind: type[Kept]) -> Kept | None:
+        file = JsonFile(self._place(name), "fleet result", "it is made again", CalibError, SIZE_LIMIT)
         try:
-            return file.checked([], file.read(KIND, VERSION), kind)
+            return file.checked(["result"], file.read(KIND, VERSION).get("result"), kind)
         except CalibError:
             return None

@@ -9,12 +9,12 @@ from datetime import datetime
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError, visible
 from calib.extras.fleet.arm_type import type_report
-from calib.extras.fleet.cluster import cluster_workers, local_workers
 from calib.extras.fleet.discovery import discover
 from calib.extras.fleet.judge import FleetOptions as JudgeOptions
-from calib.extras.fleet.run import Workers, run_fleet
+from calib.extras.fleet.run import run_fleet
 from calib.extras.fleet.table import is_table, require_table_kind, write_table
 from calib.extras.fleet.type_file import save_type
+from calib.extras.fleet.workers import Workers, cluster_workers, local_workers
 from calib.options import FitOptions
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.output_paths import check_outputs
@@ -36,7 +36,7 @@ def run_fleet_command(options: FleetOptions) -> int:
     if page.exists() and not is_report(page):
         raise CalibError(f"{page}: exists and is no page of ours; name another table, the page lies beside it")
     found = discover(options.path)
-    asked = JudgeOptions(max_test_rmse_mm=options.max_test_rmse_mm, limit_s=options.timeout)
+    asked = JudgeOptions(max_test_rmse_mm=options.max_test_rmse_mm)
     try:
         with _workers(options, len(found.datasets)) as workers, progress("datasets", "dataset") as on_progress:
             fleet = run_fleet(found, results, workers, asked, fresh=options.fresh, on_progress=on_progress)
@@ -68,5 +68,5 @@ def _workers(options: FleetOptions, datasets: int) -> AbstractContextManager[Wor
     if options.scheduler is not None:
         if options.workers is not None:
             raise CalibError("--workers is of this machine; a cluster of --scheduler has its own")
-        return cluster_workers(options.scheduler, options.path)
-    return local_workers(min(options.workers or cores(), max(datasets, 1)))
+        return cluster_workers(options.scheduler, options.path, options.timeout)
+    return local_workers(min(options.workers or cores(), max(datasets, 1)), options.timeout)

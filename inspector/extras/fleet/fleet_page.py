@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import quote
@@ -23,11 +22,8 @@ def fleet_html(fleet: Fleet, page: Path, *, now: datetime) -> str:
     def link(path: str) -> Link:
         return Link(path, _address((fleet.folder / path).absolute(), page_folder))
 
-    def command(path: str) -> str:
-        return f"inspector serve {shlex.quote(str(fleet.folder / path))}"
-
     sections = [
-        *fleet_sections(fleet, link, command),
+        *fleet_sections(fleet, link),
         Section("Method", [Bullets(METHOD)]),
         Section("Made with", [Facts(versions()), Paragraph(f"Made {made}.", soft=True)]),
     ]

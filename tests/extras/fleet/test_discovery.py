@@ -36,7 +36,7 @@ def test_a_circle_of_links_ends_and_a_folder_with_two_names_counts_once(tmp_path
     (tmp_path / "site" / "self").symlink_to(tmp_path / "site" / "self")
     (tmp_path / "again").symlink_to(tmp_path / "site" / "a")
     (tmp_path / "gone").symlink_to(tmp_path / "nowhere")
-    assert discover(tmp_path).datasets == ("again",)  # the shorter way
+    assert discover(tmp_path).datasets == ("again",)  # the first way in order
 
 
 def test_a_folder_that_cannot_be_listed_is_told_and_the_others_are_found(
@@ -46,8 +46,8 @@ def test_a_folder_that_cannot_be_listed_is_told_and_the_others_are_found(
     (tmp_path / "locked").mkdir()
     scandir = os.scandir
 
-    def refusing(place: Path) -> object:
-        if place.name == "locked":
+    def refusing(place: str | Path) -> object:
+        if Path(place).name == "locked":
             raise PermissionError(13, "Permission denied", str(place))
         return scandir(place)
 

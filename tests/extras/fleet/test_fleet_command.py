@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from calib.extras.fleet.run import Workers
+from calib.extras.fleet.workers import Workers
 from inspector.cli.parser import main
 from inspector.extras.fleet import fleet_command
 from tests.support.fleet import write_cell
@@ -25,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Two datasets and a broken one; the work is done in this process."""
 
     @contextmanager
-    def here(count: int) -> Iterator[Workers]:
+    def here(count: int, limit_s: float) -> Iterator[Workers]:
         yield Workers()
 
     monkeypatch.setattr(fleet_command, "local_workers", here)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -14,17 +16,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.errors import CalibError, DatasetError
-from calib.extras.fleet import cluster
+from calib.errors import CalibError
 from calib.extras.fleet import judge as judging
-from calib.extras.fleet.cluster import cluster_workers, local_workers
+from calib.extras.fleet import workers as fleet_workers
 from calib.extras.fleet.discovery import discover
 from calib.extras.fleet.judge import FleetOptions
-from calib.extras.fleet.processes import Processes
 from calib.extras.fleet.result import Fleet
 from calib.extras.fleet.row import Row
-from calib.extras.fleet.run import Workers, run_fleet
+from calib.extras.fleet.run import _settled, run_fleet
 from calib.extras.fleet.table import table_bytes
+from calib.extras.fleet.workers import Workers, cluster_workers, local_workers
 from tests.support.fleet import ENOUGH, write_cell
 
 
@@ -118,35 +119,21 @@ def test_a_lost_answer_is_asked_for_once_more_after_all_others(folder: Path) -> 
     assert [row.path for row in fleet.rows] == ["a", "deep/er/c"]
     assert {f.path: f.attempts for f in fleet.failures} == {"b": 2, "broken": 2}
     assert "died" in fleet.failures[0].reason
-    assert workers.asked == ["a", "b", "broken", "deep/er/c", "broken", "a", "b"]
+    assert workers.asked == ["a", "b", "broken", "deep/er/c", "a", "b", "broken"]
 
 
-def test_an_exception_and_a_dataset_without_end_cost_only_themselves(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_exception_costs_only_its_dataset(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     load = judging.load_dataset
 
     def odd(path: Path) -> object:
         if path.name == "b":
             raise ValueError("two\nlines")
-        while path.name == "a":
-            pass
         return load(path)
 
     monkeypatch.setattr(judging, "load_dataset", odd)
-    fleet = run(folder, options=FleetOptions(limit_s=0.2))
-    assert [row.path for row in fleet.rows] == ["deep/er/c"]
-    reasons = {failure.path: failure.reason for failure in fleet.failures}
-    assert reasons["a"] == "took longer than 0.2 s"
-    assert reasons["b"] == "ValueError: two lines"
-
-
-def test_two_runs_do_not_write_to_one_folder(folder: Path) -> None:
-    def second(done: int, total: int, path: str) -> None:
-        with pytest.raises(DatasetError, match="another run"):
-            run(folder)
-
-    assert len(run(folder, on_progress=second).rows) == 3
+    fleet = run(folder)
+    assert [row.path for row in fleet.rows] == ["a", "deep/er/c"]
+    assert fleet.failures[0].reason == "ValueError: two lines"
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -175,7 +162,7 @@ def real_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def processes() -> Iterator[Workers]:
-    with local_workers(2) as workers:
+    with local_workers(2, 600.0) as workers:
         yield workers
 
 
@@ -185,13 +172,12 @@ def test_a_worker_that_is_killed_loses_nothing_and_the_table_is_the_same_to_the_
     real_folder: Path, processes: Workers
 ) -> None:
     alone = run(real_folder)
-    assert isinstance(processes.executor, Processes)
-    executor, killed = processes.executor, threading.Event()
+    killed = threading.Event()
 
     def kill(done: int, total: int, path: str) -> None:
         if not killed.is_set():
             killed.set()
-            os.kill(min(executor.pids), 9)
+            multiprocessing.active_children()[0].kill()
 
     results = real_folder.parent / "processes.results"
     fleet = run_fleet(discover(real_folder), results, processes, on_progress=kill)
@@ -204,20 +190,15 @@ def test_a_worker_that_is_killed_loses_nothing_and_the_table_is_the_same_to_the_
 
 
 @pytest.mark.slow
-def test_what_works_on_this_machine_has_no_port_and_one_thread_a_process() -> None:
-    psutil = pytest.importorskip("psutil")
-
-    def ports(pid: int) -> set[object]:
-        return {c.laddr for c in psutil.Process(pid).net_connections("inet")}
-
-    before = ports(os.getpid())
-    with local_workers(2) as workers:
-        assert isinstance(workers.executor, Processes)
-        threads = [workers.executor.submit(os.getenv, "OPENBLAS_NUM_THREADS") for _ in range(4)]
-        assert [answer.result() for answer in threads] == ["1"] * 4
-        assert workers.executor.pids
-        assert [ports(pid) for pid in workers.executor.pids] == [set()] * len(workers.executor.pids)
-        assert ports(os.getpid()) <= before
+def test_a_process_that_dies_or_takes_too_long_costs_its_task_alone() -> None:
+    with local_workers(2, 2.0) as workers:
+        assert workers.executor is not None
+        late, dead, well = (workers.executor.submit(*call) for call in ((time.sleep, 60), (os._exit, 3), (pow, 2, 3)))
+        assert well.result() == 8
+        assert "took longer" in _settled(late)
+        assert "died" in _settled(dead)
+        assert workers.executor.submit(os.getpid).result() != os.getpid()
+        workers.executor.submit(time.sleep, 600)  # the end waits for nothing
 
 
 @pytest.fixture
@@ -233,25 +214,27 @@ def test_a_cluster_that_runs_already_is_taken_by_its_address(
     folder: Path, dask: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = dask.scheduler_address
-    with cluster_workers(address, folder) as workers:
-        assert (workers.count, workers.own_processes) == (2, False)
+    with cluster_workers(address, folder, 60.0) as workers:
+        assert workers.count == 2
         assert [row.path for row in run(folder, workers).rows] == ["a", "b", "deep/er/c"]
-    monkeypatch.setattr(cluster, "versions", lambda: {"program": "another"})
-    with pytest.raises(CalibError, match="another version"), cluster_workers(address, folder):
+    monkeypatch.setattr(fleet_workers, "versions", lambda: {"program": "another"})
+    with pytest.raises(CalibError, match="another version"), cluster_workers(address, folder, 60.0):
         pass
     monkeypatch.undo()
-    with pytest.raises(CalibError, match="does not see"), cluster_workers(address, folder / "nowhere"):
+    with pytest.raises(CalibError, match="does not see"), cluster_workers(address, folder / "nowhere", 60.0):
         pass
-    monkeypatch.setattr(cluster, "CONNECT_S", 0.2)
-    with pytest.raises(CalibError, match="no Dask scheduler answers"), cluster_workers("127.0.0.1:9", folder):
+    monkeypatch.setattr(fleet_workers, "CONNECT_S", 0.2)
+    with pytest.raises(CalibError, match="no Dask scheduler answers"), cluster_workers("127.0.0.1:9", folder, 60.0):
         pass
 
 
 def test_the_kept_file_says_what_it_is(folder: Path) -> None:
     run(folder)
     documents = [json.loads(p.read_text()) for p in (folder.parent / "fleet.results").glob("*.json")]
-    assert {document["row"]["path"] for document in documents} == {"a", "b", "deep/er/c"}
-    assert all(np.isfinite(document["seconds"]) and len(document["key"]) == 64 for document in documents)
+    assert {document["result"]["row"]["path"] for document in documents} == {"a", "b", "deep/er/c"}
+    assert all(
+        np.isfinite(document["result"]["seconds"]) and len(document["result"]["key"]) == 64 for document in documents
+    )
 
 
 def test_a_row_tells_its_verdict_in_one_sentence() -> None:

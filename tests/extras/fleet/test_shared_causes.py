@@ -10,10 +10,9 @@ import pytest
 from scipy import stats
 
 from calib.array_types import BoolArray
-from calib.extras.fleet.fisher_table import hypergeometric_sf
 from calib.extras.fleet.present.fleets import cause_phrase
 from calib.extras.fleet.row import EffectSize, Row
-from calib.extras.fleet.shared_causes import best_range, best_since, shared_causes
+from calib.extras.fleet.shared_causes import best_range, best_since, hypergeometric_sf, shared_causes
 from calib.rendering import numbers
 from tests.extras.fleet.rows import row
 

@@ -90,16 +90,12 @@ def _in_short(fleet: Fleet) -> Verdict:
     return Verdict(f"{'; '.join(found)}.", BAD if fleet.failures else DOUBT)
 
 
-def fleet_sections(fleet: Fleet, name: Naming = str, command: Callable[[str], str] | None = None) -> list[Section]:
-    """Sections on shared causes, changed arms, the worst datasets, failures, and all datasets.
-
-    name: what stands for a dataset's path.
-    command: what to type to look at a dataset; without it that column is left out.
-    """
+def fleet_sections(fleet: Fleet, name: Naming = str) -> list[Section]:
+    """Sections on shared causes, changed arms, the worst datasets, failures, and all; `name` stands for a path."""
     return [
         Section("Causes that arms share", _causes(fleet), brief=True),
         Section("Arms that changed", _drifts(fleet, name), brief=True),
-        Section("The worst", [_worst(fleet, name, command)], brief=True),
+        Section("The worst", [_worst(fleet, name)], brief=True),
         *([Section("Without a result", [_failures(fleet, name)], brief=True)] if fleet.failures else []),
         Section("All datasets", [_all(fleet, name)]),
     ]
@@ -193,17 +189,13 @@ def _drift_table(fleet: Fleet, drifts: Sequence[Drift], name: Naming, caption: s
 # ---- datasets -------------------------------------------------------------------------------------------------------
 
 
-def _worst(fleet: Fleet, name: Naming, command: Callable[[str], str] | None) -> Table:
+def _worst(fleet: Fleet, name: Naming) -> Table:
     rows = [
-        (
-            name(row.path), row.serial, row.robot, numbers.column_mm(row.error_mm), _ratio(row), row.headline,
-            *([] if command is None else [command(row.path)]),
-        )
+        (name(row.path), row.serial, row.robot, numbers.column_mm(row.error_mm), _ratio(row), row.headline)
         for row in fleet.worst()
-    ]  # fmt: skip
-    headers = ["dataset", "arm", "robot", "last error, mm", "times noise", "verdict"]
-    headers += [] if command is None else ["to look at it"]
-    return Table(headers, rows, left=(0, 1, 2, 5, 6), caption="The largest errors that are left")
+    ]
+    headers = ("dataset", "arm", "robot", "last error, mm", "times noise", "verdict")
+    return Table(headers, rows, left=(0, 1, 2, 5), caption="The largest errors that are left")
 
 
 def _failures(fleet: Fleet, name: Naming) -> Table:

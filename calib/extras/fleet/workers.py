@@ -1,0 +1,119 @@
+"""Workers of a fleet run: processes of this machine (pebble), or a Dask cluster that is running already.
+
+The processes are connected by pipes: who reaches a scheduler on a port can have it run code, and on a shared machine
+everybody reaches 127.0.0.1. That holds for a cluster's scheduler, too: with TLS (`tls://head:8786`) it asks for the
+certificates that Dask's own settings name, without it has no password.
+"""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Timer
+from typing import Any
+
+from calib.errors import CalibError
+from calib.extras.fleet.judge import versions
+
+CONNECT_S = 10.0  # longest time that a scheduler may take to answer
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Executor of a fleet's tasks, and number of tasks at the same time."""
+
+    executor: Executor | None = None  # None: this process
+    count: int = 1
+
+
+class _Limited(Executor):
+    """Executor by a function that submits one task, with a limit of time, and gives its future."""
+
+    def __init__(self, start: Callable[[Callable[..., Any], tuple[Any, ...]], Future[Any]]) -> None:
+        self._start = start
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
+        return self._start(fn, args)
+
+
+@contextmanager
+def local_workers(count: int, limit_s: float) -> Iterator[Workers]:
+    """Executor of `count` processes on this machine; whatever dies or takes too long is replaced."""
+    pebble = _library("pebble", "fleet")
+    spawn = multiprocessing.get_context("spawn")
+    with pebble.ProcessPool(count, context=spawn, initializer=_begin) as pool:
+        try:
+            yield Workers(_Limited(lambda fn, args: pool.schedule(fn, args, timeout=limit_s)), count)
+        finally:
+            pool.stop()  # in the middle of what was not waited for
+
+
+def _begin() -> None:
+    """What a process does before its first task."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all processes; the parent handles it
+    os.dup2(2, 1)  # what a task prints goes to stderr, as stdout is for the command's own result
+
+
+@contextmanager
+def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Workers]:
+    """Executor of the workers of a Dask cluster that is running already; a task that takes too long is cancelled.
+
+    Raises CalibError where there is none at the address, where it has no workers, and where one of them has another
+    version of this program or does not see the folder.
+    """
+    distributed = _library("distributed", "--scheduler")
+    try:
+        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        said = " ".join(str(error).split())
+        raise CalibError(f"--scheduler {address}: no Dask scheduler answers there ({said})") from None
+    with client:
+        threads = client.nthreads()
+        if not threads:
+            raise CalibError(f"--scheduler {address}: the cluster has no workers; start some")
+        place = str(folder.resolve())
+        for worker, seen in client.run(seen_by_worker, place, on_error="return").items():
+            if seen == (versions(), True):
+                continue
+            if isinstance(seen, BaseException):
+                fault = f"cannot run this program ({type(seen).__name__}: {seen}); install the same version there"
+            elif seen[1]:
+                fault = (
+                    "has another version of this program, Python, numpy, scipy or pandas; install the same there, or "
+                    "the figures would differ"
+                )
+            else:
+                fault = f"does not see {place}; share it"
+            raise CalibError(f"--scheduler {address}: worker {worker} {fault}")
+        of_dask = client.get_executor(pure=False)  # a pure task would not run again
+
+        def start(fn: Callable[..., Any], args: tuple[Any, ...]) -> Future[Any]:
+            future: Future[Any] = of_dask.submit(fn, *args)
+            timer = Timer(limit_s, future.cancel)
+            timer.daemon = True
+            timer.start()
+            future.add_done_callback(lambda _: timer.cancel())
+            return future
+
+        yield Workers(_Limited(start), sum(threads.values()))
+
+
+def seen_by_worker(folder: str) -> tuple[dict[str, str], bool]:
+    """Versions of a worker's programs, and whether the worker can read the folder; runs on the worker."""
+    return versions(), Path(folder).is_dir()
+
+
+def _library(name: str, asked_by: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise CalibError(
+            f"{asked_by} needs {name}: pip install 'robot-calibration-inspector[fleet]' (./run fleet does it)"
+        ) from None
