@@ -18,6 +18,7 @@ from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.lengths import with_directions
 from calib.dataset.repeats import in_repeat_groups_of
+from calib.effects.catalogue.order_steps import in_gap_of_steps
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
@@ -57,6 +58,7 @@ class Evaluation(Brief):
     scanner_T_base: dict[str, Array]  # by setup; scanner_T_flange where the arm carries the scanner
     notes: tuple[str, ...]
     is_outlier: BoolArray | None = None  # (N,) training poses that a robust fit left out
+    is_undecided: BoolArray | None = None  # (N,) test poses of which nobody knows on which side of a step they are
 
     @property
     def train(self) -> Figures | None:
@@ -65,7 +67,13 @@ class Evaluation(Brief):
 
     @property
     def test(self) -> Figures | None:
-        return self._figures(self.is_test)
+        """Error statistics of the test poses, without those beside a step in the model; None where there are none."""
+        return self._figures(self.is_tested)
+
+    @property
+    def is_tested(self) -> BoolArray:
+        """Mask (N,) of the test poses whose errors tell of the model: none between the two sides of a step in it."""
+        return self.is_test if self.is_undecided is None else self.is_test & ~self.is_undecided
 
     @property
     def train_rmse_mm(self) -> float:
@@ -159,6 +167,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
             notes.append(f"setup {name!r} has no training pose: its frame comes from its own test poses")
         setups.append((name, rows, fitted))
     distances = _Distances.of(observed, trained)
+    undecided = in_gap_of_steps(model.added_effects, dataset.poses)
 
     def at(x: Array) -> Evaluation:
         base_mm, along = predict_points(model, x, observed), observed
@@ -182,6 +191,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
             scanner_T_base=frame_of_setup,
             notes=tuple(notes),
             is_outlier=is_outlier,
+            is_undecided=undecided if undecided.any() else None,
         )
 
     return [at(x) for x in xs]

@@ -13,7 +13,7 @@ from calib.calibration.promise import NEW_PLACE
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.repeats import SIGMA_DOUBT
-from calib.effects.catalogue.order_steps import ChangePoint
+from calib.effects.catalogue.order_steps import in_gap_of_steps
 from calib.fitting.discrepancy import Discrepancy
 from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import orthonormal, whitened_motion
@@ -91,7 +91,7 @@ def held_out_test(
         return None
     if noise is not None and noise.wander is not None:  # then errors of poses measured together are alike
         return None
-    tested = dataset.poses.is_test & ~in_gap_of_step(calibration)
+    tested = dataset.poses.is_test & ~in_gap_of_steps(calibration.model.added_effects, dataset.poses)
     poses = np.unique(dataset.points.pose[tested[dataset.points.pose]])
     if len(poses) < _LEAST_POSES:
         return None
@@ -122,18 +122,6 @@ def held_out_test(
         p_value=p_value,
         alone=tuple(dataset.poses.ids[pose] for pose in sorted(alone)),
     )
-
-
-def in_gap_of_step(calibration: Calibration) -> BoolArray:
-    """Mask (N,) of test poses for which it is unknown whether they precede or follow a step in the model."""
-    poses = calibration.fitted_dataset.poses
-    order = dict(zip(poses.ids, poses.order.tolist(), strict=True))
-    gap = np.zeros(len(poses), dtype=bool)
-    for effect in calibration.model.added_effects:
-        start = getattr(effect, "start", None)
-        if isinstance(start, ChangePoint) and start.pose in order:
-            gap |= (poses.order >= start.first) & (poses.order < order[start.pose])
-    return gap & poses.is_test
 
 
 def _whitened(

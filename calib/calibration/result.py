@@ -351,10 +351,11 @@ def _iteration_errors(evaluation: Evaluation) -> IterationErrors:
     def rms_or_nan(values: Array) -> float:
         return rms(values) if len(values) else float("nan")
 
-    of_test = evaluation.is_test[evaluation.distance_pose]
+    of_train = ~evaluation.is_test[evaluation.distance_pose]
+    of_test = evaluation.is_tested[evaluation.distance_pose]
     return IterationErrors(
         evaluation.train_rmse_mm,
         evaluation.test_rmse_mm,
-        rms_or_nan(evaluation.distance_error_mm[~of_test]),
+        rms_or_nan(evaluation.distance_error_mm[of_train]),
         rms_or_nan(evaluation.distance_error_mm[of_test]),
     )

@@ -361,6 +361,7 @@ class Dataset(Presented):
     jig_is_declared: bool = True  # False: dataset.toml has no [jig], so points.csv may be of mirrors or balls
     notes: tuple[str, ...] = ()  # what is no mistake, and worth knowing
     left_out: tuple[str, ...] = ()  # ids of poses that count for nothing
+    new_setups: tuple[str, ...] = ()  # ids of poses from which on the instrument stands elsewhere, as asked
     noise: NoiseShape | None = None  # of the points, where it is known to differ from the declared one
     about: About = field(default_factory=About)
     surroundings: Surroundings = field(default_factory=Surroundings)
@@ -439,6 +440,37 @@ class Dataset(Presented):
         note = f"left out as asked: {', '.join(ids)}"
         asked = replace(self, left_out=ids, notes=(*self.notes, note))
         return asked if self.points is None else asked.with_points(self.points)
+
+    def with_new_setups(self, pose_ids: Sequence[str]) -> Dataset:
+        """The dataset with another place of the instrument from each of some poses on, until the setup ends.
+
+        What was measured between the pose before and such a pose stays with the setup before.
+        Raises DatasetError on an id that no pose has, and where no pose of its setup was measured earlier.
+        """
+        dataset = self
+        for pose_id in dict.fromkeys(pose_ids):
+            poses = dataset.poses
+            try:
+                at = poses.index(pose_id)
+            except DatasetError as error:
+                raise DatasetError(f"dataset {self.name}: {error}; so no setup can begin with it") from None
+            of_setup = poses.setup == poses.setup[at]
+            later = of_setup & (poses.order >= poses.order[at])
+            if later.sum() == of_setup.sum():
+                raise DatasetError(
+                    f"dataset {self.name}: pose {pose_id!r} is the first of its setup; name the first pose after the "
+                    "instrument was moved"
+                )
+            before = str(poses.setup[at])
+            name = f"{before}, from {pose_id}" if before else f"from {pose_id}"
+            setup = np.where(later, np.array(name), poses.setup)
+            dataset = replace(
+                dataset,
+                poses=replace(poses, setup=setup),
+                new_setups=(*dataset.new_setups, pose_id),
+                notes=(*dataset.notes, f"a new setup begins with pose {pose_id}, as asked"),
+            )
+        return dataset
 
     def _brief(self) -> str:
         roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.poses.role == role))))

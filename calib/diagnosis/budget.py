@@ -29,6 +29,12 @@ class BudgetShare:
     share: float
     mm: float  # 3D RMS of that share alone; the squares of all add up to the squared error as delivered
     sigma_mm: float | None = None  # of `mm`, not estimated yet
+    of: str = "arm"  # or "instrument", "target", "noise", "unknown"
+
+    @property
+    def is_of_arm(self) -> bool:
+        """Whether it is an error of the arm: not of what measures it, noise, or of unknown origin."""
+        return self.of == "arm"
 
 
 @dataclass(frozen=True)
@@ -74,9 +80,10 @@ def budget_of_stages(headline: Headline) -> ErrorBudget | None:
     end, floor_mm = float(envelope[-1]), headline.noise_mm
     is_known = headline.noise.source != FIT and floor_mm is not None
     noise = min(end, floor_mm**2) if is_known and floor_mm is not None else 0.0
-    amounts = [*zip(causes, falls, strict=True), (NOISE, noise), (UNKNOWN, end - noise)]
+    parts = ["arm" if k == 0 or stage.of == "load" else stage.of for k, stage in enumerate(stages[1:])]
+    amounts = [*zip(causes, falls, parts, strict=True), (NOISE, noise, NOISE), (UNKNOWN, end - noise, UNKNOWN)]
     return ErrorBudget(
-        tuple(_share(cause, mm2 / delivered, stages[0].error_mm) for cause, mm2 in amounts if mm2 > 0.0),
+        tuple(_share(cause, mm2 / delivered, stages[0].error_mm, of) for cause, mm2, of in amounts if mm2 > 0.0),
         stages[0].error_mm,
         headline.of_test_poses,
         is_known,
@@ -89,8 +96,8 @@ def _cause(stage: ErrorStage, *, with_links: bool) -> str:
     return TOGETHER.join([*([LINKS] if with_links else []), *stage.effects])
 
 
-def _share(cause: str, share: float, delivered_mm: float) -> BudgetShare:
-    return BudgetShare(cause, share, math.sqrt(share) * delivered_mm)
+def _share(cause: str, share: float, delivered_mm: float, of: str = "arm") -> BudgetShare:
+    return BudgetShare(cause, share, math.sqrt(share) * delivered_mm, of=of)
 
 
 def _by_joint(curves: BudgetShare, last: Calibration, *, of_test_poses: bool) -> list[BudgetShare]:

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.calibration.held_out import in_gap_of_step
 from calib.calibration.plausibility import beyond_nature
 from calib.calibration.result import Calibration
 from calib.dataset.repeats import repeat_groups
@@ -156,7 +155,7 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
     """
     if not after.fit.converged:
         return True
-    rows = (before.after.is_test & ~in_gap_of_step(after))[before.after.pose]
+    rows = after.after.is_tested[before.after.pose]
     if rows.sum() < 3:
         return False
     change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(before.after.error_mm[rows] ** 2, axis=1)

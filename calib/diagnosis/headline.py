@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.dataset.repeats import SIGMA_DOUBT
+from calib.effects.effect import PartOf, family_name, part_of
 from calib.fitting.tool_point import ToolShift
 from calib.rendering import numbers
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -34,6 +35,7 @@ class ErrorStage:
     error_mm: float  # 3D RMSE
     step: int | None  # index of its calibration; None for the arm as delivered
     effects: tuple[str, ...] = ()  # that this stage added
+    of: PartOf = "arm"  # what these are a part of; several parts count as the arm
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,9 @@ def headline_of(calibrations: Sequence[Calibration]) -> Headline:
         new = tuple(name for name in effects if name not in inside)
         links = ("calibrated links" if last.fits_links else "links held") if len(stages) == 1 else ""
         name = _name(new, links)
-        stages.append(ErrorStage(name, _error_mm(calibrations[step], of_test_poses), step, new))
+        parts = {part_of(member) for member in calibrations[step].model.added_effects if family_name(member) in new}
+        of = parts.pop() if len(parts) == 1 else "arm"
+        stages.append(ErrorStage(name, _error_mm(calibrations[step], of_test_poses), step, new, of))
         inside = effects
     figures = last.after.test if of_test_poses else last.after.train
     points = 1 if figures is None else figures.points

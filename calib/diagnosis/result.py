@@ -11,9 +11,11 @@ from calib.diagnosis.budget import ErrorBudget, error_budget
 from calib.diagnosis.contradictions import Contradiction, contradictions
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.headline import HeldOutError, held_out_beyond_noise
+from calib.diagnosis.instrument_moves import InstrumentMove, instrument_moves
 from calib.diagnosis.probabilities import CauseProbabilities, cause_probabilities
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
 from calib.effects.catalogue import CATALOGUE, catalogue_names
+from calib.effects.catalogue.order_steps import ScannerStep
 from calib.intervention.joint_fit import JointFit, joint_fit
 from calib.intervention.proof import Intervention, Proof, follows, interventions_of
 from calib.lazy_modules import pd
@@ -82,6 +84,11 @@ class Diagnosis(Presented, Findings, FittedResult):
     def proven(self) -> tuple[Proof, ...]:
         """Causes that differences of paired poses prove, without any fit of the whole."""
         return tuple(proof for one in self.interventions for proof in one.proofs)
+
+    @property
+    def instrument_moved(self) -> tuple[InstrumentMove, ...]:
+        """Moves of the instrument that are claimed: between which poses, and by how much."""
+        return instrument_moves(self.calibration) if ScannerStep.name in self.missing else ()
 
     @property
     def contradictions(self) -> tuple[Contradiction, ...]:

@@ -29,7 +29,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeGuard, get_args, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, TypeGuard, get_args, runtime_checkable
 
 import numpy as np
 
@@ -39,6 +39,9 @@ from calib.dataset.dataset import Dataset, PoseCondition
 from calib.effects.checked_apply import checked_apply, checked_meaning, is_user_defined
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
+
+PartOf = Literal["arm", "instrument", "target", "load"]
+"""What an effect's cause is a part of: the arm, the instrument that measures it, the measured target, the payload."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ class CatalogueEffect(ABC):
     same name (`calib.simulation.truth.sampling.SampledEffect`).
 
     A user's own effect needs none of this. It may carry `title`, `noun`, `equation`, `needs`, `needed_conditions`,
-    `helpful_conditions`, `confirm` and `bounds` too, and so may either have a method
+    `helpful_conditions`, `confirm`, `bounds` and `of` too, and so may either have a method
     `meaning(parameter, value, state)`: what a value, in the parameter's unit, means on the arm at the poses of a state,
     such as degrees at the largest torque. Without it the unit alone decides: degrees, stiffness, per cent
     (`calib.present.effects.meaning`).
@@ -168,7 +171,7 @@ class CatalogueEffect(ABC):
     position: ClassVar[int] = 1000  # in the catalogue's order; equal ones follow by module and order of definition
     testable: ClassVar[bool] = True  # False where no dataset of this format can test it
     under_load: ClassVar[bool] = False  # whether it follows gravity's load, so that unknown masses confound it
-    outside_arm: ClassVar[bool] = False  # whether its cause is no part of the arm: instrument, target, load
+    of: ClassVar[PartOf] = "arm"  # what its cause is a part of
     changes_arm: ClassVar[bool] = False  # whether it is another before and after a pose; later poses are as the last
     grows_with_angle: ClassVar[bool] = False  # whether it follows the size of one joint's angle, as a part of much does
 
@@ -224,9 +227,20 @@ class Description:
     symbols: tuple[tuple[str, str], ...] = ()  # name, unit
     needs: str = ""
     confirm: str = ""
-    outside_arm: bool = False
+    of: PartOf = "arm"
     needed_conditions: tuple[PoseCondition, ...] = ()
     helpful_conditions: tuple[PoseCondition, ...] = ()
+
+
+def part_of(effect: Effect | type[CatalogueEffect]) -> PartOf:
+    """What an effect's cause is a part of: the arm, unless the effect's attribute `of` says otherwise."""
+    told: PartOf = getattr(effect, "of", "arm")
+    return told if told in get_args(PartOf) else "arm"
+
+
+def is_of_measuring(effect: Effect) -> bool:
+    """Whether an effect is of the instrument or the target, and so no error of the arm."""
+    return part_of(effect) in ("instrument", "target")
 
 
 def family_name(effect: Effect) -> str:
@@ -256,7 +270,7 @@ def describe(effect: Effect | type[CatalogueEffect]) -> Description:
     return Description(
         name,
         symbols=getattr(effect, "symbols", ()),
-        outside_arm=getattr(effect, "outside_arm", False) is True,
+        of=part_of(effect),
         needed_conditions=_conditions(effect, "needed_conditions"),
         helpful_conditions=_conditions(effect, "helpful_conditions"),
         **texts,

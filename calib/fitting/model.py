@@ -25,6 +25,7 @@ from calib.effects.effect import (
     corrects_robot,
     family_name,
     full_name,
+    is_of_measuring,
     moves_one_joint,
     state_derivative,
 )
@@ -50,6 +51,8 @@ class Model(Brief):
     """The nominal robot with the tool point that was found, as the target "jig", where robot.toml's is far off."""
     prior_means: Mapping[str, float] = field(default_factory=dict)
     """Prior means of parameters, by full name; zero for all others."""
+    of_arm_alone: bool = False
+    """Whether effects of the instrument and of the target are left out of predictions, whatever their values."""
     _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @cached_property
@@ -83,10 +86,12 @@ class Model(Brief):
 
     @property
     def at_tool(self) -> Model:
-        """This model set to predict the tool point in the base frame, also where the arm carries the scanner."""
-        if not self.robot.carries_scanner:
-            return self
-        return replace(self, robot=replace(self.robot, carries_scanner=False))
+        """This model set to predict the tool point in the base frame, also where the arm carries the scanner.
+
+        It is where the arm has the tool: what instrument and target did to the measurements is left out.
+        """
+        robot = replace(self.robot, carries_scanner=False) if self.robot.carries_scanner else self.robot
+        return replace(self, robot=robot, of_arm_alone=True)
 
     @property
     def added_effects(self) -> tuple[Effect, ...]:
@@ -104,6 +109,12 @@ class Model(Brief):
         return tuple(dict.fromkeys(family_name(effect) for effect in self.added_effects))
 
     @property
+    def arm_family_names(self) -> tuple[str, ...]:
+        """Names of the added effects that are of the arm or its load, each once: none of instrument or target."""
+        of_arm = (effect for effect in self.added_effects if not is_of_measuring(effect))
+        return tuple(dict.fromkeys(map(family_name, of_arm)))
+
+    @property
     def scales(self) -> Array:
         """Prior sigma (P,) of each free parameter: its tolerance, or the usual size of the effect's parameter."""
         return np.array([p.scale for p in self.parameters])
@@ -112,6 +123,9 @@ class Model(Brief):
     def means(self) -> Array:
         """Prior mean (P,) of each free parameter."""
         return np.array([p.prior_mean for p in self.parameters])
+
+    def _acts(self, effect: Effect) -> bool:
+        return not (self.of_arm_alone and is_of_measuring(effect))
 
     def with_fixed(self, names: ArrayLike) -> Model:
         """This model with further parameters fixed at zero. Raises FitError on an unknown name."""
@@ -152,7 +166,7 @@ class Model(Brief):
         """Robot states before each effect is applied, in order, and after the last effect."""
         states = [self._start(poses, seen)]
         for effect, values in zip(self.effects, self.values_by_effect(x), strict=True):
-            states.append(apply_values(effect, states[-1], values))
+            states.append(apply_values(effect, states[-1], values) if self._acts(effect) else states[-1])
         return states
 
     def state(self, x: ArrayLike, poses: Poses, seen: Seen | None = None) -> RobotState:
@@ -192,6 +206,8 @@ class Model(Brief):
         """Derivative (N, K, P) by the free parameters, from the derivative (N, K, S) by the state (chain rule)."""
         columns = [
             effect_columns(by_state, effect, state, values)
+            if self._acts(effect)
+            else np.zeros((*by_state.shape[:2], len(values)))
             for effect, state, values in zip(self.effects, before, self.values_by_effect(x), strict=True)
         ]
         return np.concatenate(columns, axis=-1)[..., self._is_free]

@@ -2,7 +2,8 @@
 
 A controller takes a table and nothing else. Link errors that were fitted together with an effect are right only
 together with it: without the effect they can be worse than those of a fit that never had it. So the exported table is
-fitted without effects, to the same points and by the same options.
+fitted without effects of the arm, to the same points and by the same options. Effects of the instrument and of the
+target stay in that fit: the arm is without them wherever it works.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ from pathlib import Path
 from calib.brief import Brief
 from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import Evaluation
-from calib.calibration.model_versions import fits_same_points, options_for_links
+from calib.calibration.model_versions import fits_same_points
 from calib.calibration.result import Calibration
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.origin import PROGRAM, program_version
 from calib.dataset.files.robot_toml import robot_to_toml
+from calib.effects.effect import full_name, is_of_measuring
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import CalibratedFile, in_template
 from calib.robot_formats.robots import robot_content
@@ -25,11 +27,14 @@ from calib.robot_formats.robots import robot_content
 
 @dataclass(frozen=True)
 class ExportedTable(Brief):
-    """A robot table fitted without any effect, for controllers that know none, and the full calibration."""
+    """A robot table fitted without any effect of the arm, for controllers that know none, and the full calibration."""
 
     full: Calibration  # the model, its effects included
     links: Calibration | None
-    """Fit of the link errors alone; `full` itself where it has no effects, None where every link error is held."""
+    """Fit of the link errors beside effects of instrument and target; `full` itself where it has no others.
+
+    None where every link error is held.
+    """
 
     @property
     def robot(self) -> Robot:
@@ -43,8 +48,8 @@ class ExportedTable(Brief):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Names of the model's effects that a table cannot hold."""
-        return tuple(" ".join(name.split()) for name in self.full.model.family_names)
+        """Names of the model's effects of the arm, which a table cannot hold."""
+        return tuple(" ".join(name.split()) for name in self.full.model.arm_family_names)
 
     @property
     def comment(self) -> str:
@@ -98,16 +103,22 @@ class ExportedTable(Brief):
 
 
 def exported_table(calibration: Calibration, links: Calibration | None = None) -> ExportedTable:
-    """Robot table that fits the data of a calibration best without the calibration's effects.
+    """Robot table that fits the data of a calibration best without the calibration's effects of the arm.
 
-    `links` is a fit of the link errors alone; it is used where it has the same points and options, else one is made.
+    `links` is a fit of the link errors alone; it is used where it has the same points and options, and the calibration
+    no effect of instrument or target. Else one is made.
     """
-    if not calibration.model.added_effects:
+    model = calibration.model
+    if not model.arm_family_names:
         return ExportedTable(calibration, calibration)
-    if set(calibration.model.geometry_names) <= calibration.model.fixed:
+    if set(model.geometry_names) <= model.fixed:
         return ExportedTable(calibration, None)
-    if links is None or links.model.added_effects or not fits_same_points(links, calibration):
-        links = fit_measured(calibration.dataset, options_for_links(calibration))
+    kept = tuple(effect for effect in model.added_effects if is_of_measuring(effect))
+    if links is None or kept or links.model.added_effects or not fits_same_points(links, calibration):
+        names = {full_name(effect, parameter) for effect in kept for parameter in effect.parameters}
+        sigmas = {name: sigma for name, sigma in model.prior_sigmas.items() if name in names}
+        options = calibration.options.for_parameters((*model.geometry_names, *names))
+        links = fit_measured(calibration.dataset, options, effects=kept, prior_sigmas=sigmas)
     return ExportedTable(calibration, links)
 
 

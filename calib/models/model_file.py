@@ -268,7 +268,7 @@ def _try(file: JsonFile, model: Model, x: Array, trial: RobotState) -> None:
     """Predict once, to raise the file's error for fields and values that no fit gives, such as a surplus joint."""
     try:
         with np.errstate(all="ignore"):
-            points_mm = model.at_tool.predict(x, trial.poses, seen=trial.seen)
+            points_mm = dataclasses.replace(model.at_tool, of_arm_alone=False).predict(x, trial.poses, seen=trial.seen)
     except CalibError as error:  # a user's effect
         raise ModelFileError(f"{file.path}: {error}") from None
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:

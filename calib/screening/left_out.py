@@ -8,7 +8,6 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.evaluation import Evaluation, evaluate_all
-from calib.calibration.held_out import in_gap_of_step
 from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.screening.projected_residual import ProjectedResidual, project_residual
@@ -81,7 +80,7 @@ def far_test_poses(calibration: Calibration) -> tuple[str, ...]:
     after, points = _as_fitted(calibration), projected.residuals.observed.points
     errors_mm = left_out_errors_mm(projected).reshape(-1, projected.coordinates)
     left_out = _pose_means(np.sum(errors_mm**2, axis=1), points.pose)
-    judged = (after.is_test & ~in_gap_of_step(calibration))[after.pose]
+    judged = after.is_tested[after.pose]
     tested = np.unique(after.pose[judged])
     squared = _pose_means(np.sum(after.error_mm[judged] ** 2, axis=1), after.pose[judged])
     order = np.argsort(-squared)
@@ -110,8 +109,9 @@ def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None
     A pose that alone determines a parameter of the later fit, as a first pose its history, cannot be left out of it.
     """
     try:
-        judged = ~in_gap_of_step(after)
-        squared = [_squared_errors(fit, judged) for fit in (before, after)]
+        of_both = [_as_fitted(fit) for fit in (before, after)]
+        judged = of_both[1].is_tested
+        squared = [_squared_errors(fit, of, judged) for fit, of in zip((before, after), of_both, strict=True)]
         alone = _determines_alone(project_residual(after))
     except FitError:
         return None
@@ -135,15 +135,17 @@ def _determines_alone(projected: ProjectedResidual) -> BoolArray:
     return np.array([np.linalg.norm(block, 2) ** 2 > 1.0 - _ALONE for block in blocks])
 
 
-def _squared_errors(calibration: Calibration, judged: BoolArray) -> Array:
+def _squared_errors(calibration: Calibration, after: Evaluation, judged: BoolArray) -> Array:
     """Squared 3D error (K,), mm^2, at each training pose left out, then at each test pose, averaged over its points.
 
-    judged: (N,) poses that may serve as test poses.
+    Args:
+        calibration: a fit.
+        after: its errors at the points as it took them.
+        judged: (N,) the test poses.
     """
     projected = project_residual(calibration)
     squared = np.sum(left_out_errors_mm(projected).reshape(-1, projected.coordinates) ** 2, axis=1)
-    after = _as_fitted(calibration)
-    test = (after.is_test & judged)[after.pose]
+    test = judged[after.pose]
     of_test = np.sum(after.error_mm[test] ** 2, axis=1)
     points = projected.residuals.observed.points
     return np.concatenate([_pose_means(squared, points.pose), _pose_means(of_test, after.pose[test])])

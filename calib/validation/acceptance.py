@@ -317,7 +317,7 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
     doubtful = ratio > SUSPICIOUS * expected and test.rmse_mm > SUSPICIOUS * floor_mm
     after = calibration.after
     error_mm = np.linalg.norm(after.error_mm, axis=1)
-    worst = int(np.argmax(np.where(after.is_test[after.pose], error_mm, -1.0)))
+    worst = int(np.argmax(np.where(after.is_tested[after.pose], error_mm, -1.0)))
     found = ErrorRatio(
         ratio,
         expected if doubtful else None,

@@ -162,8 +162,8 @@ def cross_validation_of(
 
 def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluation:
     """Errors at the test poses of one split, with pose numbers of the whole dataset."""
-    points = evaluation.is_test[evaluation.pose]
-    distances = evaluation.is_test[evaluation.distance_pose]
+    points = evaluation.is_tested[evaluation.pose]
+    distances = evaluation.is_tested[evaluation.distance_pose]
     return Evaluation(
         pose=rows[evaluation.pose[points]],
         error_mm=evaluation.error_mm[points],

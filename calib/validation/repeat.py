@@ -27,7 +27,7 @@ from calib.dataset.dataset import Dataset
 from calib.diagnosis.diagnose import whole_diagnosis
 from calib.diagnosis.search_space import SearchSpace
 from calib.effects.catalogue import effects_for
-from calib.effects.effect import Effect, Family, describe, full_name
+from calib.effects.effect import Effect, Family, full_name, part_of
 from calib.errors import CalibError, FitError
 from calib.presented import Presented
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
@@ -283,7 +283,7 @@ def _row(
         common=(float(value[k]), float(weight[k] ** -0.5)),
         called_for=called_for,
         alike=effect.alike,
-        is_of_arm=not describe(member).outside_arm,
+        is_of_arm=part_of(member) == "arm",
         named_alone=tuple(name for name, own in zip(names, alone, strict=True) if effect.name in own),
     )
 

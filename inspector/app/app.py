@@ -417,6 +417,12 @@ class App:
         """Leave several poses out of all fits and tests, as one change."""
         self.worker.submit(("leave out", tuple(pose_ids)), lambda: self.model.leave_out_poses(pose_ids))
 
+    def new_setup(self, pose_id: str) -> None:
+        """Give the instrument another place from a pose on."""
+        view = self.state.view
+        if view is not None and pose_id in view.session.dataset.poses.ids:
+            self.worker.submit(("new setup", pose_id), lambda: self.model.new_setup(pose_id))
+
     def move(self, by: int) -> None:
         """Undo (for a negative number) or redo changes of the model; repeated presses add up."""
         with self._asking:

@@ -67,7 +67,7 @@ def fitted(options: WithAdding, dataset: Dataset) -> tuple[FitStep, ...]:
 
 def run_calibrate(options: CalibrateOptions) -> int:
     """Fit a dataset, and write the calibrated table, the model and other files."""
-    dataset = load(options.path, options.leave_out, options.finder)
+    dataset = load(options.path, options, options.finder)
     outputs = [
         options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out,
         options.urdf_out, options.kinematics_out, *(path for added in options.added for path in added.outputs()),
@@ -223,6 +223,7 @@ def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Fit
     used = [name for name, value in given.items() if value]
     if used:
         raise CalibError(
-            f"--session: a session holds fits by --residual, --add and --leave-out only; leave out {used[0]}"
+            "--session: a session holds fits by --residual, --add, --leave-out and --new-setup only; leave out "
+            f"{used[0]}"
         )
     return with_steps(Session(dataset, user_effects=loaded_effects(options.effects_file, dataset)), steps)

@@ -27,7 +27,7 @@ def run_correct(options: CorrectOptions) -> int:
     """Write targets that bring the real arm to the positions intended for the nominal arm."""
     if options.model is not None:
         refuse_fit_options(options)
-    dataset = load(options.path, options.leave_out, options.finder)
+    dataset = load(options.path, options, options.finder)
     further = [path for added in options.added for path in added.inputs()]
     check_outputs(dataset, [options.out], [options.joints, *further, options.effects_file, options.model])
     if options.model is not None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ from calib.targets.assignment import assign_targets
 from calib.targets.batch import find_targets
 from calib.targets.protocol.user_file import load_finder
 from inspector.cli.options.datasets import CornersOptions, RedundancyOptions, ServeOptions, VerifyOptions
-from inspector.cli.options.shared import Output
+from inspector.cli.options.shared import Output, WithLeaveOut
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
 from inspector.export.csv_and_png import corners_csv, redundancy_csv
@@ -86,7 +86,7 @@ def run_corners(options: CornersOptions) -> int:
 
 def run_redundancy(options: RedundancyOptions) -> int:
     """Print the redundancy of the parameters (Park section 3), and the rank with the scanner's frame unknown."""
-    dataset = load(options.path, options.leave_out)
+    dataset = load(options.path, options)
     require_links(dataset.robot, "the redundancy of parameters")
     check_outputs(dataset, [options.out])
     result = redundancy(dataset, residual=options.residual)
@@ -109,12 +109,13 @@ def run_effects(options: Output) -> int:
     return 0
 
 
-def load(path: Path, leave_out: Sequence[str] = (), finder: Path | None = None) -> Dataset:
-    """Load a dataset without the points of poses that are left out; warnings and notes go to stderr.
+def load(path: Path, options: WithLeaveOut | None = None, finder: Path | None = None) -> Dataset:
+    """Load a dataset, its poses counting as options say; warnings and notes go to stderr.
 
     `finder` is the file of a finder of the user's own, which is tried at once.
     """
-    dataset = load_dataset(path).leave_out(leave_out)
+    dataset = load_dataset(path)
+    dataset = dataset if options is None else options.of_dataset(dataset)
     if finder is not None:
         dataset = replace(dataset, finder_file=load_finder(finder).path)
     for warning in dataset.warnings:

@@ -43,7 +43,7 @@ def run_validate(options: ValidateOptions) -> int:
     from calib.api.validation import cross_validate, learning_curve
     from calib.present.fit import validation as told
 
-    dataset = measured(load(options.path, options.leave_out, options.finder), options.residual)
+    dataset = measured(load(options.path, options, options.finder), options.residual)
     asked = options.fit_options()
     effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
     with progress("fits", "fit") as on_progress:
@@ -70,7 +70,7 @@ def run_report(options: ReportOptions) -> int:
             raise CalibError(f"{path}: exists and is no report; name another file, or --force to replace it")
     if pdf is not None:
         require_browser()  # before the work starts
-    dataset = load(options.path, options.leave_out, options.finder)
+    dataset = load(options.path, options, options.finder)
     check_outputs(dataset, [page, pdf], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
     if options.residual == "pose":
@@ -116,7 +116,7 @@ def run_figures(options: FiguresOptions) -> int:
     """Diagnose a dataset and write the figures of the diagnosis as files, or list them."""
     from inspector.export.figure_files import figures_of, write_figures  # with plotly, which takes a while to load
 
-    dataset = load(options.path, options.leave_out, options.finder)
+    dataset = load(options.path, options, options.finder)
     dataset = measured(dataset, options.residual)
     every = figures_of(diagnosis_presentation(diagnosed(dataset, options), None))
     names = [one.name for one in every]
@@ -139,7 +139,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     """Diagnose a dataset: add missing effects step by step."""
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
-    dataset = load(options.path, options.leave_out, options.finder)
+    dataset = load(options.path, options, options.finder)
     check_outputs(dataset, [options.learned_out, options.model_out], [options.effects_file])
     dataset = measured(dataset, options.residual)
     result = diagnosed(dataset, options, options.max_steps)
@@ -182,7 +182,7 @@ def run_check(options: CheckOptions) -> int:
 
     results = []
     for folder in find_datasets(options.path):
-        dataset = load_dataset(folder).leave_out(options.leave_out)
+        dataset = options.of_dataset(load_dataset(folder))
         searches = None
         if dataset.points is None:
             searches = found_corners(dataset)

@@ -41,6 +41,7 @@ def refuse_fit_options(options: ValidateOptions | CorrectOptions) -> None:
         "--no-prior": options.no_prior,
         "--robust": options.robust,
         "--leave-out": options.leave_out,
+        "--new-setup": options.new_setup,
     }
     if isinstance(options, CorrectOptions):
         given["--add"] = options.add

@@ -60,7 +60,7 @@ def report_of(session: Session) -> Report:
         residuals = [ModelResidual(calibration, session.pose_errors or pose_errors_of(calibration), tests)]
     table = exported_table(calibration, session.links_alone)
     correction = None
-    if calibration.model.family_names:
+    if calibration.model.arm_family_names:
         poses = calibration.dataset.poses
         correction = calibration.fitted_model.correct(poses.q, poses, ids=poses.ids)
     name, origin = model_name(ranked_on), Origin.of(session.dataset)

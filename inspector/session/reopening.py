@@ -91,6 +91,11 @@ def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
     for pose_id in saved.left_out:
         if pose_id not in session.dataset.poses.ids:
             raise SessionFileError(f"{saved.path}: left_out: found {pose_id!r}; no pose has this name")
+    further = [pose_id for pose_id in saved.new_setups if pose_id not in session.dataset.new_setups]
+    try:
+        session = replace(session, dataset=session.dataset.with_new_setups(further))
+    except CalibError as error:
+        raise SessionFileError(f"{saved.path}: new_setups: {error}") from None
     out = tuple(pose_id for pose_id in saved.left_out if pose_id not in session.dataset.left_out)
     session = replace(session, left_out=out)
     if not saved.history:

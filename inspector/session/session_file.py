@@ -108,6 +108,7 @@ class _Document(msgspec.Struct, frozen=True):
     shown: Shown
     diagnosed: bool | None = None
     left_out: Texts = ()  # ids of poses, as asked
+    new_setups: Texts = ()  # ids of poses, as asked
     undo: SavedUndo = SavedUndo()
     program_version: Text = ""
     origin: SavedOrigin = SavedOrigin()
@@ -125,6 +126,7 @@ class Saved:
     history: tuple[SavedStep, ...]  # the nominal robot first; empty where nothing was fitted
     shown: Shown
     left_out: tuple[str, ...] = ()  # ids of poses that count for nothing, as asked
+    new_setups: tuple[str, ...] = ()  # ids of poses from which on the instrument stands elsewhere, as asked
     past: tuple[SavedModel, ...] = ()  # that undo leads to, the last first
     future: tuple[SavedModel, ...] = ()
 
@@ -160,6 +162,8 @@ def session_text(
     }
     if session.asked_out:
         document["left_out"] = session.asked_out
+    if dataset.new_setups:
+        document["new_setups"] = dataset.new_setups
     if past or future:
         undo = _saved_undo(past, future)
         document["undo"] = {"steps": list(map(_plain, undo.steps)), "past": undo.past, "future": undo.future}
@@ -251,6 +255,7 @@ def load_session(path: Path) -> Saved:
         history=document.history,
         shown=document.shown,
         left_out=document.left_out,
+        new_setups=document.new_setups,
         past=_models(file, "past", undo.steps, undo.past),
         future=_models(file, "future", undo.steps, undo.future),
     )

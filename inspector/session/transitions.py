@@ -322,6 +322,23 @@ def with_pose_taken_in(session: Session, pose_id: str) -> Session:
     return _fitted_again(replace(session, left_out=kept), f"{TAKEN_IN}{pose_id}", pose_id)
 
 
+def with_new_setup(session: Session, pose_id: str) -> Session:
+    """Session whose instrument stands elsewhere from a pose on, with a first fit of the links alone.
+
+    Earlier models had another place of the instrument and are dropped. Raises CalibError for an unknown pose.
+    """
+    dataset = session.dataset.with_new_setups([pose_id])
+    fresh = Session(
+        dataset,
+        searches=session.searches,
+        face_labels=session.face_labels,
+        user_effects=session.user_effects,
+        left_out=session.left_out,
+    )
+    residual = None if session.calibration is None else session.calibration.residual
+    return fresh if session.calibration is None else with_calibration(fresh, residual)
+
+
 def _fitted_again(session: Session, label: str, taken_in: str = "") -> Session:
     """Session with the last step's model fitted to the poses in use; unchanged before the first calibration."""
     if session.calibration is None:

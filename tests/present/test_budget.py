@@ -57,5 +57,5 @@ def test_the_bar_has_a_colour_for_each_cause() -> None:
 def test_the_keys_are_those_of_the_contract() -> None:
     found = to_dict(budget_document(BUDGET))
     assert found["budget_of"] == "test"
-    assert found["budget"][0] == {"cause": "geometry", "share": 0.9, "mm": 0.949, "sigma_mm": None}
+    assert found["budget"][0] == {"cause": "geometry", "share": 0.9, "mm": 0.949, "sigma_mm": None, "of": "arm"}
     assert budget_document(None) == {"budget": [], "budget_of": None}

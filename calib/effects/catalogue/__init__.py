@@ -51,7 +51,7 @@ def effects_for(dataset: Dataset) -> tuple[Family, ...]:
         dataset = replace(dataset, points=None)  # families take no places and ranges from test poses
     families = tuple((kind, kind.family(dataset)) for kind in CATALOGUE)
     if dataset.robot.is_cartesian:
-        return tuple(family if kind.outside_arm else _of_unknown_arm(family) for kind, family in families)
+        return tuple(family if kind.of != "arm" else _of_unknown_arm(family) for kind, family in families)
     return tuple(family for _, family in families)
 
 

@@ -602,6 +602,7 @@ class ToolSag(CatalogueEffect):
     """A tool that sags: it moves by R diag(c) R^T g, R = base_R_flange and g the unit vector along gravity."""
 
     name = "tool_sag"
+    of = "target"
     noun = "the sag of the tool"
     equation = "target moves by R diag(c) R^T g"
     symbols = (("c", "mm"),)

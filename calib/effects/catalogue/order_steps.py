@@ -6,7 +6,7 @@ Poses that come after all that were measured, such as the targets of a correctio
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +16,7 @@ from calib.array_types import Array, BoolArray, Vector
 from calib.dataset.dataset import Dataset, Poses
 from calib.effects.catalogue.loads import where_masses_are_known
 from calib.effects.catalogue.scanner import field_of
-from calib.effects.effect import Family, NaturalBound, Parameter, Parameters
+from calib.effects.effect import Effect, Family, NaturalBound, Parameter, Parameters
 from calib.effects.shaped import (
     BaseTilt,
     JointOffset,
@@ -46,7 +46,8 @@ _LOADED_NM = 0.05  # torque of 1 kg at the flange below which a joint does not s
 class ChangePoint:
     """Place in the order of measuring where a change sets in, and the first training pose after it.
 
-    Test poses between that pose and the training pose before it count as after the change: no fit can tell.
+    Test poses between that pose and the training pose before it belong to neither side (`in_gap_of_steps`); a
+    prediction takes them as after the change.
     """
 
     first: int
@@ -60,6 +61,20 @@ class ChangePoint:
     def after(self, state: RobotState) -> Array:
         """Mask (N, 1) of the poses from the change on: 0 before the change, 1 from its first pose on."""
         return (state.poses.order >= self.first).astype(float)[:, None]
+
+
+def in_gap_of_steps(effects: Iterable[Effect], poses: Poses) -> BoolArray:
+    """Mask (N,) of test poses for which it is unknown whether they precede or follow a step among some effects.
+
+    They come after the last training pose before a step, and before the first one after it: no fit can tell.
+    """
+    order = dict(zip(poses.ids, poses.order.tolist(), strict=True))
+    gap = np.zeros(len(poses), dtype=bool)
+    for effect in effects:
+        start = getattr(effect, "start", None)
+        if isinstance(start, ChangePoint) and start.pose in order:
+            gap |= (poses.order >= start.first) & (poses.order < order[start.pose])
+    return gap & poses.is_test
 
 
 def is_measured_for_training(dataset: Dataset) -> BoolArray:
@@ -193,7 +208,7 @@ class TargetStep(Step):
 
     start: ChangePoint
     name = "target_step"
-    outside_arm = True
+    of = "target"
     title = "step of a target"
     noun = "a shift of the target on the tool"
     changes_arm = True
@@ -236,7 +251,7 @@ class ScannerStep(Step):
     centre_mm: Vector
     half_mm: float
     name = "scanner_step"
-    outside_arm = True
+    of = "instrument"
     title = "step of the scanner"
     noun = "a move of the instrument"
     equation = "p += v + w x p from pose k on"
@@ -286,7 +301,7 @@ class ScaleStep(Step):
 
     start: ChangePoint
     name = "scale_step"
-    outside_arm = True
+    of = "instrument"
     title = "step of the instrument's scale"
     noun = "a change of the instrument's scale"
     equation = "p times 1 + s from pose k on"
@@ -378,7 +393,7 @@ class PayloadStep(Step):
     joints: tuple[int, ...]  # that a mass at the flange turns
     start: ChangePoint
     name = "payload_step"
-    outside_arm = True
+    of = "load"
     title = "change of the payload"
     noun = "a payload that changed unsaid"
     changes_arm = True

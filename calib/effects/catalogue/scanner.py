@@ -42,7 +42,7 @@ class ScannerDistortion(CatalogueEffect):
     centre_mm: Vector
     half_mm: float
     name = "scanner_distortion"
-    outside_arm = True
+    of = "instrument"
     noun = "the distortion of the instrument's field"
     equation = "z += k1 u + k2 u^2, radial k r^3 about the field's middle"
     symbols = (("depth1", "mm"), ("depth2", "mm"), ("radial", "mm"), ("decentre", "mm"))
@@ -107,7 +107,7 @@ class ScannerDrift(CatalogueEffect):
     start_s: float
     duration_s: float
     name = "scanner_drift"
-    outside_arm = True
+    of = "instrument"
     noun = "the drift of the instrument"
     equation = "p += (v + w x p) t"
     symbols = (("v", "mm/s"), ("w", "rad/s"))
@@ -159,7 +159,7 @@ class IncidenceBias(CatalogueEffect):
     """A range error that grows as the jig turns away: b (1 - cos phi) along the ray, phi between ray and jig axis."""
 
     name = "incidence_bias"
-    outside_arm = True
+    of = "instrument"
     noun = "the instrument's error with the angle of incidence"
     equation = "b (1 - cos phi) along the ray"
     symbols = (("b", "mm"),)
@@ -206,7 +206,7 @@ class ScannerScale(CatalogueEffect):
     """An isotropic scale error of the scanner: p times 1 + s, the same as a scaling of every length of the arm."""
 
     name = "scanner_scale"
-    outside_arm = True
+    of = "instrument"
     noun = "the scale of the instrument"
     equation = "p times 1 + s"
     symbols = (("s", "1"),)

@@ -12,6 +12,7 @@ from calib.compensation.correction import Correction
 from calib.diagnosis.headline import Headline
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import descriptions
+from calib.effects.catalogue.order_steps import ScannerStep
 from calib.models.exported_table import ExportedTable
 from calib.planning.discrimination import NextPoses
 from calib.present.cause.diagnosis import poses_to_measure
@@ -43,9 +44,36 @@ def what_to_do(
         next_poses: that discriminate between the effects that a diagnosis leaves open.
         outlier_poses: poses that stand out of all others.
     """
-    compensates = [_compensation(table.full, correction, headline)] if table.full.model.family_names else []
+    model = table.full.model
+    compensates = [_compensation(table.full, correction, headline)] if model.arm_family_names else []
     to_measure = _to_measure(table.full, diagnosis, next_poses, outlier_poses)
-    return [_table_to_load(table, headline), *compensates, *_confirmations(diagnosis), *to_measure]
+    of_measuring = [name for name in model.family_names if name not in model.arm_family_names]
+    return [
+        _table_to_load(table, headline),
+        *compensates,
+        *_of_measuring(of_measuring, diagnosis),
+        *_confirmations(diagnosis),
+        *to_measure,
+    ]
+
+
+def _of_measuring(names: Sequence[str], diagnosis: Diagnosis | None) -> list[str]:
+    """Sentences on effects of the instrument and the target: nothing is mended on the arm because of them."""
+    moves = () if diagnosis is None else diagnosis.instrument_moved
+    actions = [
+        f"The instrument was moved between {move.after} and {move.before}: look at its stand, and declare a new setup "
+        f"from {move.before} on (--new-setup {move.before}, or the page's button beside the verdict). Nothing is to be "
+        "mended on the arm because of it."
+        for move in moves
+    ]
+    if others := [name for name in names if not (moves and name == ScannerStep.name)]:
+        told = numbers.listing([title(name) for name in others])
+        are = "are" if len(others) > 1 else "is"
+        actions.append(
+            f"Mend nothing on the arm because of {told}: what {are} of the instrument or the target stays out of the "
+            "table and of corrected targets."
+        )
+    return actions
 
 
 def _table_to_load(table: ExportedTable, headline: Headline) -> str:
@@ -61,7 +89,7 @@ def _table_to_load(table: ExportedTable, headline: Headline) -> str:
 
 
 def _compensation(calibration: Calibration, correction: Correction | None, headline: Headline) -> str:
-    families = calibration.model.family_names
+    families = calibration.model.arm_family_names
     names = numbers.listing(["the learned curves" if name == LEARNED else title(name) for name in families])
     if correction is not None and correction.reached.mean() < _ADVISED:
         reached, count = int(correction.reached.sum()), len(correction.reached)
@@ -149,8 +177,12 @@ def _causes_in_short(headline: Headline, diagnosis: Diagnosis | None) -> list[st
         return []
     stages = headline.stages
     links = ["links that differ a little from the drawing"] if stages[1].error_mm < stages[0].error_mm else []
-    causes = [*links, *(title(key) for key in diagnosis.missing)]
+    of_arm = diagnosis.calibration.model.arm_family_names
+    causes = [*links, *(title(key) for key in diagnosis.missing if key in of_arm)]
+    falsified = [title(key) for key in diagnosis.missing if key not in of_arm]
     why = f"What makes its error: {numbers.listing(causes)}." if causes else ""
+    if falsified:
+        why += f" What falsified the measurements, and is no error of the arm: {numbers.listing(falsified)}."
     match diagnosis.verdict:
         case "adequate" | "named":
             return [why, _rest(headline)]

@@ -18,7 +18,7 @@ def budget_blocks(budget: ErrorBudget | None) -> list[Shares]:
         return []
     is_scatter = budget.reached_noise and any(one.cause == UNKNOWN for one in budget.shares)
     scatter = "What is unexplained is no more than the scatter that so few poses leave." if is_scatter else ""
-    note = " ".join(filter(None, (_rises(budget), scatter)))
+    note = " ".join(filter(None, (_of_measuring(budget), _rises(budget), scatter)))
     return [Shares(budget_sentence(budget), _heading(budget), budget_parts(budget), note)]
 
 
@@ -26,7 +26,18 @@ def budget_sentence(budget: ErrorBudget) -> str:
     """Sentence with the share of each cause: "Of the squared error as delivered: links 96 %, noise 1 %."."""
     of = "" if budget.of_test_poses else " (at the poses that were fitted: there are no test poses)"
     shares = ", ".join(f"{part.name} {part.words}" for part in budget_parts(budget))
-    return " ".join(filter(None, (f"Of the squared error as delivered{of}: {shares}.", _rises(budget))))
+    told = f"Of the squared error as delivered{of}: {shares}."
+    return " ".join(filter(None, (told, _of_measuring(budget), _rises(budget))))
+
+
+def _of_measuring(budget: ErrorBudget) -> str:
+    """Sentence on the causes that are of the instrument or the target, and so no errors of the arm."""
+    found = [one for one in budget.shares if one.of in ("instrument", "target")]
+    if not found:
+        return ""
+    causes = numbers.listing([_name(one.cause, budget) for one in found])
+    where = numbers.listing(list(dict.fromkeys(f"the {one.of}" for one in found)))
+    return f"{numbers.capitalised(causes)} {'is' if len(found) == 1 else 'are'} of {where}, not of the arm."
 
 
 def budget_parts(budget: ErrorBudget) -> list[Part]:

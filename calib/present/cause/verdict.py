@@ -51,9 +51,19 @@ def verdict(diagnosis: Diagnosis) -> Words:
         "unexplained": _unexplained,
         "outliers": _outliers,
     }[diagnosis.verdict]
-    doubts = [f" {numbers.capitalised(doubt)}" for doubt in table_doubts(diagnosis.calibration)]
+    doubts = [numbers.capitalised(doubt) for doubt in table_doubts(diagnosis.calibration)]
     leading = "" if doubts else leading_entry_sentence(diagnosis.calibration)
-    return spans(tell(diagnosis), *doubts, f" {leading}" if leading else "")
+    moved = move_sentences(diagnosis)
+    return spans(tell(diagnosis), *(f" {one}" for one in (*moved, *doubts)), f" {leading}" if leading else "")
+
+
+def move_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Sentences on the moves of the instrument that a diagnosis claims, in the order in which they happened."""
+    return [
+        f"The instrument was moved between {move.after} and {move.before}: that is no error of the arm, and is kept "
+        "out of tables and corrections."
+        for move in diagnosis.instrument_moved
+    ]
 
 
 def _adequate(diagnosis: Diagnosis) -> Words:
@@ -239,7 +249,7 @@ def _suspicion(keys: Sequence[str]) -> Words:
         return ()
     are, their, them = ("are", "their", "them") if len(keys) > 1 else ("is", "its", "it")
     described = {one.name: one for one in descriptions()}
-    outside = all(key in described and described[key].outside_arm for key in keys)
+    outside = all(key in described and described[key].of != "arm" for key in keys)
     leave = f"Do not dismantle anything because of {them}."
     advice = "Either way that would lie outside the arm: leave the arm closed." if outside else leave
     return spans(

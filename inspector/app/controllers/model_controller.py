@@ -183,6 +183,15 @@ class ModelController:
             yield
         yield from self.rank()
 
+    def new_setup(self, pose_id: str) -> LongWork:
+        """Long work that gives the instrument another place from a pose on, and fits the links anew."""
+        if pose_id not in self._session.dataset.new_setups:
+            session = sessions.with_new_setup(self._session, pose_id)
+            self._shown.forget_steps()  # earlier models are of an instrument that stood still
+            self._shown.replace(session)
+            yield
+        yield from self.rank()
+
     def _with_other_poses(self, session: Session) -> None:
         """Show a session in which other poses count: a change of the model where there is one."""
         (self._shown.replace if self._session.calibration is None else self._shown.change)(session)

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from calib.options import RESIDUAL_KINDS, FitOptions
 from inspector.cli.options import values
 from inspector.cli.options.declaration import argument, flag, option, several
+
+if TYPE_CHECKING:
+    from calib.dataset.dataset import Dataset
 
 A_DATASET = "dataset folder"
 DATASETS = "dataset folder, or a folder of them"
@@ -59,11 +62,19 @@ class WithAdding(WithEffects):
 
 @dataclass(frozen=True, kw_only=True)
 class WithLeaveOut:
-    """Option of poses, by their ids, whose points are not used."""
+    """Options of poses, by their ids: whose points are not used, and from which on the instrument stood elsewhere."""
 
     leave_out: Sequence[str] = several(
         "take no notice of what was measured at a pose; may be given several times", metavar="POSE"
     )
+    new_setup: Sequence[str] = several(
+        "the instrument was moved just before this pose: find its place anew from there on; may be given several times",
+        metavar="POSE",
+    )
+
+    def of_dataset(self, dataset: Dataset) -> Dataset:
+        """The dataset with these poses left out, and with these setups. Raises DatasetError on an unknown pose."""
+        return dataset.with_new_setups(self.new_setup).leave_out(self.leave_out)
 
 
 @dataclass(frozen=True, kw_only=True)

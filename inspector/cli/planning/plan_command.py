@@ -98,7 +98,7 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
         raise CalibError(f"{options.path}: --poses is a first set; give --add for more of a dataset")
     if options.noise_mm is not None:
         raise CalibError(f"{options.path}: the noise is known from the fit; leave out --noise-mm")
-    dataset = load(options.path, options.leave_out, options.finder)
+    dataset = load(options.path, options, options.finder)
     _check_outputs(options, dataset)
     dataset = measured(dataset, options.residual)
     return dataset, loaded_effects(options.effects_file, dataset)
@@ -161,7 +161,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
         return FromRobot(cell, options.noise_mm or DEFAULT_NOISE_MM, options.fit_options())
     if options.scanner is not None:
         raise CalibError(f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses")
-    dataset = load(options.path, options.leave_out, options.finder)
+    dataset = load(options.path, options, options.finder)
     _check_outputs(options, dataset)
     cell = workcell_of_dataset(measured(dataset))
     noise_mm = options.noise_mm or dataset.scanner.point_sigma_mm or DEFAULT_NOISE_MM

@@ -18,6 +18,7 @@ from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD
 from inspector.panels.base import SECONDARY, Actions, ChosenByDataset, by_page, hidden_plot, put
 from inspector.panels.input_checks import clamped
+from inspector.panels.learn.moved_instrument import MovedInstrument
 from inspector.panels.learn.outliers import OutlyingPoses
 from inspector.session.session import Session
 from inspector.session.undo import UNDO_STEPS
@@ -49,6 +50,7 @@ class MissingEffectsPanel:
             hint="what the automatic search would do next",
         )
         self.outliers = OutlyingPoses(gui, actions)
+        self.moved = MovedInstrument(gui, actions)
         self._history = hidden_plot(gui, 0.85, "error history")
         self.between = gui.add_slider(
             "Before – after", min=0.0, max=1.0, step=0.05, initial_value=1.0, visible=False,
@@ -150,6 +152,7 @@ class MissingEffectsPanel:
         advice = session.advice if session.diagnosis is None and session.screening is not None else None
         self.follow.visible = advice is not None
         self.outliers.update(session, beside_advice=True)
+        self.moved.update(session)
         if advice is not None:
             self._advice.content = html.advice_html(advice)
             self.follow.label = html.follow_label(advice)

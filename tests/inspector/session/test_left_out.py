@@ -275,3 +275,19 @@ def test_a_session_keeps_so_many_steps_and_the_last_rankings_only(fitted: Sessio
         undo.changed(replace(before))
     kept = [isinstance(entry, Session) and entry.screening is not None for entry in undo.past]
     assert kept == [False] * 12 + [True] * 8
+
+
+def test_a_new_setup_starts_from_the_links_and_is_kept_in_the_file(
+    fitted: Session, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    moved = sessions.with_new_setup(sessions.with_effect(sessions.with_screening(fitted), "scanner_drift"), "p30")
+    assert labels(moved) == ["nominal", "link errors"]
+    assert moved.calibration is not None
+    assert sorted(moved.calibration.after.scanner_T_base) == ["", "from p30"]
+    path = folder.parent / "moved.json"
+    save_session(path, moved)
+    again, notes = reopened(measuring.open_session(folder), load_session(path))
+    assert notes == ()
+    assert np.array_equal(x(again), x(moved))
+    assert main(["calibrate", str(folder), "--new-setup", "p30", "--json"]) == 0
+    assert "a new setup begins with pose p30, as asked" in capsys.readouterr().err
