@@ -62,9 +62,14 @@ class Board(Brief):
         return self.kind == "checkerboard" and (self.columns + self.rows) % 2 == 0
 
     @property
+    def is_of_markers(self) -> bool:
+        """Whether its corners are those of markers."""
+        return self.kind in ("aruco", "apriltag")
+
+    @property
     def is_single(self) -> bool:
         """Whether it is one marker."""
-        return self.kind in ("aruco", "apriltag") and self.columns == self.rows == 1
+        return self.is_of_markers and self.columns == self.rows == 1
 
     def _brief(self) -> str:
         return self.text

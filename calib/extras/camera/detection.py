@@ -43,6 +43,7 @@ _DICTIONARIES = {
     "aruco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "ARUCO_MIP_36h12"),
     "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
 }
+_LENS_ROUNDS = 2  # in which edges are freed of the distortion of a lens that is found from their corners
 _ROUNDS = 3  # in which bad corners are left out
 _FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with it
 _FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
@@ -120,6 +121,41 @@ def detect(
     if not views:
         raise CalibError(_nothing_seen(board, finder, folder, pictures, most))
     return Detected(board, size_px, tuple(views), left_out, notes)
+
+
+def measured_images(
+    images: Mapping[str, Path],
+    board: Board,
+    given: Lens | None,
+    dictionary: str | None = None,
+    on_progress: OnProgress | None = None,
+) -> tuple[Detected, MeasuredViews]:
+    """Corners of a board in images, as `detect` finds them, and its poses with the lens given or found from them.
+
+    A marker's corners are where its edges meet, which are straight but for the lens's distortion. Raises CalibError.
+    """
+    detected = detect(images, board, dictionary, on_progress)
+    if not board.is_of_markers:
+        return detected, measure(detected, given)
+    lens = given
+    for _ in range(_LENS_ROUNDS if given is None else 1):
+        lens = given or measure(detected, None).lens
+        views = tuple(_with_refined_corners(images[view.pose], view, lens) for view in detected.views)
+        detected = replace(detected, views=views)
+    return detected, measure(detected, given)
+
+
+def _with_refined_corners(path: Path, view: View, lens: Lens) -> View:
+    """A view of markers with their corners where their edges meet, freed of the lens's distortion."""
+    cv2 = opencv()
+    picture = _picture_of(cv2, path)
+    assert picture is not None
+    number = view.corner // _OF_MARKER
+    pixels = view.pixels.copy()
+    for marker in np.unique(number):
+        here = np.flatnonzero(number == marker)
+        pixels[here] = refined_corners(cv2, picture, pixels[here], lens)
+    return replace(view, pixels=pixels)
 
 
 def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Array], tuple[int, int], dict[str, str]]:
@@ -234,8 +270,7 @@ def _finder(
     if board.kind == "charuco":
         return _charuco_finder(cv2, board, name, legacy), notes
     finder = _marker_finder(cv2, board, name)
-    rough = _marker_finder(cv2, board, name, is_rough=True)
-    order, note = _order_on_board(cv2, board, [rough(picture) for picture in tried])
+    order, note = _order_on_board(cv2, board, [finder(picture) for picture in tried])
     return (lambda picture: _renumbered(finder(picture), order)), (*notes, *note)
 
 
@@ -251,7 +286,7 @@ def _dictionary(
                 if board.kind == "charuco":
                     finder = _charuco_finder(cv2, board, name, legacy)
                 else:
-                    finder = _marker_finder(cv2, board, name, is_rough=True)
+                    finder = _marker_finder(cv2, board, name)
                 count = sum(len(finder(picture)[0]) for picture in pictures)
                 if count > most:
                     best, most = (name, legacy), count
@@ -309,10 +344,8 @@ def _markers(cv2: ModuleType, name: str) -> Callable[[Array], list[tuple[int, Ar
     return markers
 
 
-def _marker_finder(
-    cv2: ModuleType, board: Board, name: str, meant: int | None = None, *, is_rough: bool = False
-) -> Finder:
-    """Finder of a grid of markers of a dictionary, or of one with a number; a rough one keeps OpenCV's corners."""
+def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None = None) -> Finder:
+    """Finder of a grid of markers of a dictionary, or of one with a number, by OpenCV's corners."""
     markers = _markers(cv2, name)
 
     def finder(picture: Array) -> tuple[IndexArray, Array]:
@@ -323,8 +356,7 @@ def _marker_finder(
         number = [4 * one + k for one, _ in seen for k in range(4)]
         if not number or len(number) != len(set(number)):  # several markers alike: which is meant is not known
             return _none()
-        corners = [four if is_rough else refined_corners(cv2, picture, four) for _, four in seen]
-        return np.array(number), np.concatenate(corners)
+        return np.array(number), np.concatenate([four for _, four in seen])
 
     return finder
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from calib.dataset.dataset import Dataset, Poses
@@ -17,9 +19,21 @@ from calib.extras.camera.view import View, covariance_of, shared_errors
 from tests.support.camera_scene import DISTORTION, MATRIX, ROBOT_FILE, SIZE_PX, Scene
 
 
-def true_lens() -> Lens:
+def true_lens(distortion: Sequence[float] = tuple(DISTORTION)) -> Lens:
     """The lens of the scenes."""
-    return Lens(*SIZE_PX, (MATRIX[0, 0], MATRIX[1, 1], MATRIX[0, 2], MATRIX[1, 2], *DISTORTION, 0.0, 0.0, 0.0))
+    return Lens(*SIZE_PX, (MATRIX[0, 0], MATRIX[1, 1], MATRIX[0, 2], MATRIX[1, 2], *distortion, 0.0, 0.0, 0.0))
+
+
+def squared_sigmas(scene: Scene, found: MeasuredViews) -> list[float]:
+    """Squared errors of the poses over what is told of them, a degree of freedom."""
+    out = []
+    for one, shared in zip(found.poses, shared_errors(found.lens, found.poses), strict=True):
+        true = scene.camera_T_board[scene.names.index(one.view.pose)]
+        turn = cv2.Rodrigues(one.camera_T_board[:3, :3] @ true[:3, :3].T)[0].ravel()
+        error = np.concatenate([one.camera_T_board[:3, 3] - true[:3, 3], turn])
+        covariance = covariance_of(one, found.sigma_px) + shared @ shared.T
+        out.append(float(error @ np.linalg.solve(covariance, error)) / 6.0)
+    return out
 
 
 def simulated_views(

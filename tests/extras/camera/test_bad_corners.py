@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 from calib.extras.camera.board import board_of
-from calib.extras.camera.detection import Detected, MeasuredViews, measure
-from calib.extras.camera.view import View, covariance_of, shared_errors
-from tests.extras.camera.camera_dataset import true_lens
+from calib.extras.camera.detection import Detected, measure
+from calib.extras.camera.view import View
+from tests.extras.camera.camera_dataset import squared_sigmas, true_lens
 from tests.support.camera_scene import SIZE_PX, Scene
 
 BOARD = board_of("charuco:9x7:25:18")
@@ -26,18 +25,6 @@ def views_of(rng: np.random.Generator, poses: int) -> tuple[Scene, list[View]]:
         number = np.arange(len(pixels))
         views.append(View(name, number, BOARD.corners_mm, pixels + NOISE_PX * rng.normal(size=pixels.shape)))
     return scene, views
-
-
-def squared_sigmas(scene: Scene, found: MeasuredViews) -> list[float]:
-    """Squared errors of the poses over what is told of them, a degree of freedom."""
-    out = []
-    for one, shared in zip(found.poses, shared_errors(found.lens, found.poses), strict=True):
-        true = scene.camera_T_board[scene.names.index(one.view.pose)]
-        turn = cv2.Rodrigues(one.camera_T_board[:3, :3] @ true[:3, :3].T)[0].ravel()
-        error = np.concatenate([one.camera_T_board[:3, 3] - true[:3, 3], turn])
-        covariance = covariance_of(one, found.sigma_px) + shared @ shared.T
-        out.append(float(error @ np.linalg.solve(covariance, error)) / 6.0)
-    return out
 
 
 def test_corners_of_what_is_in_front_of_the_board_are_left_out_and_an_image_full_of_them_is_named():

@@ -21,7 +21,7 @@ from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, 
 from calib.errors import CalibError
 from calib.extras.camera.board import board_of
 from calib.extras.camera.board_hand_eye import board_hand_eye
-from calib.extras.camera.detection import Detected, MeasuredViews, detect, image_files, measure
+from calib.extras.camera.detection import Detected, MeasuredViews, image_files, measured_images
 from calib.extras.camera.importing.intrinsics import load_lens
 from calib.extras.camera.importing.marker_poses import load_marker_poses
 from calib.extras.camera.observed import NAME, CameraViews
@@ -185,8 +185,7 @@ def camera_points(
     images = image_files(choice.images)
     pose_of, notes = _poses_of_images(choice.images, images, table, ids)
     kept = {stem: path for stem, path in images.items() if stem in pose_of}
-    detected = detect(kept, board, choice.dictionary, on_progress)
-    measured = measure(detected, lens)
+    detected, measured = measured_images(kept, board, lens, choice.dictionary, on_progress)
     told = _told(choice, detected, measured)
     board_sigma = choice.board_sigma or 0.0
     if board_sigma > 0.0:
