@@ -13,7 +13,7 @@ from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import JointKnowledge
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals
-from calib.kinematics import chain as kinematics
+from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import Robot
 
 _UNKNOWN = 0.5  # of a parameter's prior variance: what keeps more is not known from the points
@@ -21,7 +21,7 @@ _UNKNOWN = 0.5  # of a parameter's prior variance: what keeps more is not known 
 
 @dataclass(frozen=True)
 class Mount(Brief):
-    """Frame of a scanner on the flange, for one mounting."""
+    """Frame of a scanner on the controller's flange, for one mounting."""
 
     setup: str
     flange_T_scanner: Array  # (4, 4)
@@ -44,7 +44,7 @@ class CameraPlace(Brief):
     """Frame of an instrument that sees full poses, such as a camera, on the flange or in the room, for one setup."""
 
     setup: str
-    parent: str  # "flange" where the arm carries it, else "base"
+    parent: str  # "flange", the controller's, where the arm carries it, else "base"
     parent_T_camera: Array  # (4, 4) mm
     covariance: Array  # (6, 6) of place (mm) and small turn (rad), along and about the parent's axes
     covariance_with_table: Array  # (6, 6) the same with the fitted table's own error left out
@@ -66,18 +66,20 @@ class CameraPlace(Brief):
         """Standard deviations (3,) of the place along the parent's axes, mm."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
-    def from_tip(self, robot: Robot) -> CameraPlace:
-        """The same place in the frame behind the tool row of robot.toml, for a camera on the flange."""
-        chain = kinematics.nominal_chain(robot, np.zeros((1, robot.n_joints)))
-        tip_T_flange = frames.invert(chain.base_T_frame[0, -1]) @ chain.base_T_flange[0]
-        turn = np.kron(np.eye(2), tip_T_flange[:3, :3])  # a small turn of the camera moves no point of its own origin
+    def seen_from(self, parent: str, new_T_parent: Array) -> CameraPlace:
+        """The same place in another frame, of this name, that is fixed to the parent."""
+        turn = np.kron(np.eye(2), new_T_parent[:3, :3])  # a small turn of the camera moves no point of its own origin
         return replace(
             self,
-            parent="tip",
-            parent_T_camera=tip_T_flange @ self.parent_T_camera,
+            parent=parent,
+            parent_T_camera=new_T_parent @ self.parent_T_camera,
             covariance=turn @ self.covariance @ turn.T,
             covariance_with_table=turn @ self.covariance_with_table @ turn.T,
         )
+
+    def from_tip(self, robot: Robot) -> CameraPlace:
+        """The same place in the frame behind the tool row of robot.toml, for a camera on the flange."""
+        return self.seen_from("tip", frames.invert(flange_T_tip(robot)))
 
 
 def mounts(calibration: Calibration) -> tuple[Mount, ...]:
@@ -94,10 +96,11 @@ def mounts(calibration: Calibration) -> tuple[Mount, ...]:
             for place in camera_places(calibration)
         )
     root, told = _parameter_roots(calibration)
+    flange_T_last = frames.invert(calibration.model.robot.flange.transform)
     found = []
-    for setup, scanner_T_flange in calibration.after.scanner_T_base.items():
+    for setup, scanner_T_last in calibration.after.scanner_T_base.items():
         knowledge = JointKnowledge.of(calibration, setup)
-        flange_T_scanner = frames.invert(scanner_T_flange)
+        flange_T_scanner = flange_T_last @ frames.invert(scanner_T_last)
         to_mount = _to_mount(flange_T_scanner, knowledge.centre_mm)
         by_table, own = to_mount @ knowledge.follows @ root, to_mount @ knowledge.frame_root
         by_told = by_table[:, told]
@@ -125,18 +128,18 @@ def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
     pseudo = np.linalg.pinv(nuisance.by_frames / size, rcond=1e-9) / size[:, None]
     follows, own = -pseudo @ nuisance.by_parameters, noise * pseudo
     poses, row = observed.used_poses
-    base_T_flange = model.state(fit.x, poses).base_T_flange[row]
-    carries = model.robot.carries_scanner
+    base_T_last = model.state(fit.x, poses).base_T_flange[row]
+    last_T_flange, carries = model.robot.flange.transform, model.robot.carries_scanner
     found = []
     for k, (setup, scanner_T_base) in enumerate(nuisance.placed.scanner_T_base.items()):
         parent_T_camera = frames.invert(scanner_T_base)
+        parent_T_camera = frames.invert(last_T_flange) @ parent_T_camera if carries else parent_T_camera
         to_mount = _to_mount(parent_T_camera, nuisance.centre_mm[setup])
         part = slice(6 * k, 6 * k + 6)
         by_table, by_noise = to_mount @ follows[part] @ root, to_mount @ own[part]
         by_told = by_table[:, told]
         first = int(np.flatnonzero(observed.setup == setup)[0])
         board = frames.make_transform(nuisance.attitude[first] @ nuisance.placed.tool_R_jig, nuisance.base_mm[first])
-        flange = base_T_flange[first]
         found.append(
             CameraPlace(
                 setup,
@@ -145,7 +148,7 @@ def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
                 by_table @ by_table.T + by_noise @ by_noise.T,
                 by_told @ by_told.T + by_noise @ by_noise.T,
                 "base" if carries else "flange",
-                flange @ board if carries else frames.invert(flange) @ board,
+                base_T_last[first] @ board if carries else frames.invert(base_T_last[first] @ last_T_flange) @ board,
             )
         )
     return tuple(found)

@@ -16,7 +16,7 @@ from calib.array_types import Array, BoolArray
 from calib.compensation.target_correction import plain_poses
 from calib.compensation.tool_problem import ToolProblem
 from calib.fitting.model import geometric_model
-from calib.kinematics import chain as kinematics
+from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.joint_range import joint_limits
 from calib.kinematics.robot import Robot
@@ -47,19 +47,6 @@ class Posture:
 
     q: Array | None
     reason: str = ""
-
-
-def flange_frames(robot: Robot, q: Array) -> Array:
-    """Transforms base_T_flange (N, 4, 4) of the nominal arm: the frame of its last joint, without the tool's row."""
-    frames = kinematics.nominal_chain(robot, q).base_T_frame
-    return frames[:, -2]
-
-
-def tool_row(robot: Robot) -> Array:
-    """Transform flange_T_tool (4, 4) of the tool in robot.toml."""
-    q = np.zeros((1, robot.n_joints))
-    frames = kinematics.nominal_chain(robot, q).base_T_frame[0]
-    return np.linalg.inv(frames[-2]) @ frames[-1]
 
 
 def postures_at(robot: Robot, places: Sequence[Place]) -> list[Posture]:
@@ -110,7 +97,7 @@ def _starts(place: Place, limits: tuple[Array, Array], count: int, rng: np.rando
 def _solved(robot: Robot, places: Sequence[Place], starts: Array) -> tuple[Array, BoolArray]:
     """Joints (N, S, n) found from starts (N, S, n), and whether they bring the flange to the place."""
     count, each, n = starts.shape
-    goals = np.array([place.base_T_flange for place in places]) @ tool_row(robot)
+    goals = np.array([place.base_T_flange for place in places]) @ flange_T_tip(robot)
     problem = ToolProblem(
         geometric_model(robot).at_tool,
         np.zeros(len(geometric_model(robot).at_tool.parameters)),

@@ -2,13 +2,14 @@
 
 Robot controllers compute with their own table and cannot load another. So the targets are corrected: for each nominal
 joint vector q0 find q near it with F(q) = F0(q0), where F0 is the nominal and F the calibrated forward
-map, effects included (`calib.kinematics.inverse`). Redundant arms move the least.
+map of the measured point and the tool's axes, effects included (`calib.kinematics.inverse`). Redundant arms move the
+least.
 
 A correction is no finer than the fit. Measured points determine the last joint's axis, but not how the tool is turned
 behind it: where the attitude's sigma (`calib.compensation.attitude`) is not smaller than the turn that a correction
-would make, only the position of the tool frame is met, and the free motion balances the remaining turn, by its sigma,
-against the joints' motion, by their tolerance. A pose near a singular posture may take large turns of the wrist for a
-small turn of the tool: there the attitude is met to its sigma.
+would make, only the position is met, and the free motion balances the remaining turn, by its sigma, against the joints'
+motion, by their tolerance. A pose near a singular posture may take large turns of the wrist for a small turn of the
+tool: there the attitude is met to its sigma.
 
 Joints stay inside a box: their limits and a largest change from q0, six tolerances of an angle or twice the joint's own
 zero error. A target that needs more is not reached.
@@ -29,6 +30,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib import frames
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.compensation.attitude import FitKnowledge
@@ -84,9 +86,12 @@ def correction_of(
     if kind not in (None, *CORRECTION_KINDS):
         raise FitError(f"cannot correct {kind!r}; there are {' and '.join(CORRECTION_KINDS)}")
     conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0).measured_later()
-    first = nominal.base_T_first
-    goal = kinematics.forward(nominal.table, q0, nominal.is_revolute, first).base_T_frame[:, -1]
-    problem = ToolProblem(model, x, conditions, goal, False)
+    chain = kinematics.nominal_chain(nominal, q0)
+    goal = chain.base_T_frame[:, -1]
+    measured = nominal.own_tool_point is not None and model.robot.own_tool_point is not None
+    if measured:
+        goal = frames.make_transform(goal[:, :3, :3], kinematics.tool_points(nominal, chain))
+    problem = ToolProblem(model, x, conditions, goal, False, measured)
     uncorrected_mm, uncorrected_rad = problem.errors(q0)
     sigma_rad = None if known is None or not len(q0) else known.attitude_sigma_rad(model, x, conditions)
     kind = kind or _known_kind(nominal, sigma_rad, uncorrected_rad)

@@ -16,9 +16,10 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.effects.state import RobotState
-from calib.fitting.model import Model
+from calib.fitting.model import Model, target_in_chain
 from calib.kinematics import chain as kinematics
 from calib.kinematics.inverse import Preference
+from calib.kinematics.robot import TOOL_POINT
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class ToolProblem:
     conditions: Poses
     goal: Array  # (N, 4, 4) base_T_tool of the nominal arm
     with_orientation: bool
+    measured_point: bool = False  # whether the tool's place is that of its measured point, not the end of its row
 
     @property
     def length_mm(self) -> float:
@@ -47,10 +49,14 @@ class ToolProblem:
         state = self.model.state(self.x, replace(self.conditions.select(rows), q=q))
         return state, frames.rotation_from_rotvec(state.base_rotvec_rad)
 
+    def _point_mm(self, state: RobotState) -> Array:
+        """Position of the tool (K, 3), mm, in the frame of the chain's base."""
+        return target_in_chain(state, TOOL_POINT) if self.measured_point else state.chain.target_mm
+
     def _tool(self, state: RobotState, turn: Array) -> Array:
         """Transform base_T_tool (K, 4, 4), including the base's turn and tool displacements by effects."""
         rotation = turn @ state.chain.base_T_frame[:, -1, :3, :3]
-        return frames.make_transform(rotation, state.place(state.chain.target_mm))
+        return frames.make_transform(rotation, state.place(self._point_mm(state)))
 
     def _error(self, base_T_tool: Array, rows: IndexArray) -> Array:
         goal = self.goal[rows]
@@ -65,7 +71,7 @@ class ToolProblem:
         Rows 4 to 6 are the remaining turn, times the reach.
         """
         state, turn = self._state(q, rows)
-        moved, axes = kinematics.joint_jacobian(state.chain, self.model.robot.is_revolute)
+        moved, axes = kinematics.joint_jacobian(state.chain, self.model.robot.is_revolute, self._point_mm(state))
         jacobian = turn @ moved
         if self.with_orientation:
             jacobian = np.concatenate([jacobian, self.length_mm * (turn @ axes)], axis=1)

@@ -175,7 +175,7 @@ def _tool_note(sources: ImportSources) -> list[str]:
     if sources.tool_mm is None or not sources.robots:
         return []
     chain = sources.robots[0].robot.chain
-    end = "the last joint's frame" if chain is None or not chain.tip else chain.tip
+    end = "the flange's frame" if chain is None or not chain.tip else chain.tip
     x, y, z = sources.tool_mm
     return [f"{sources.robots[0].robot.robot.name}: the measured point is at {x:g}, {y:g}, {z:g} mm in {end}, as given"]
 

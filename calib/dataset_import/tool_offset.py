@@ -17,11 +17,12 @@ def with_tool_offset(file: RobotFile, offset_mm: Vector) -> RobotFile:
     """Robot whose measured point is at an offset, mm, from the end of its file.
 
     A URDF and other files of a chain end at a flange: the point becomes the target "jig" of robot.toml, at the offset
-    in the flange's frame, and the tool row keeps the flange. A robot.toml ends at the last joint, as its [tool] is the
-    tool: the tool row then ends at the offset in the last joint's frame.
+    in the flange's frame, and the tool row keeps the flange. In a robot.toml [tool] is the tool: the tool row then ends
+    at the offset in the flange's frame.
     """
     point_mm = np.array(offset_mm, dtype=float)
     if file.chain is None:
-        return replace(file, robot=with_tool_point(ending_at_tool_point(file.robot), point_mm))
+        in_last_mm = frames.apply(file.robot.flange.transform, point_mm)
+        return replace(file, robot=with_tool_point(ending_at_tool_point(file.robot), in_last_mm))
     in_last_mm = frames.apply(frames.invert(tip_T_last(file.robot)), point_mm)
     return replace(file, robot=with_own_tool_point(file.robot, vector(in_last_mm)))

@@ -234,7 +234,7 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
     """Position of a target (N, 3), mm, and its analytic derivative by `state.vector` (N, 3, S)."""
     if state.robot.carries_scanner:
         return world_target_by_state(state, target)
-    chain_mm = _target_mm(state, target)
+    chain_mm = target_in_chain(state, target)
     if _is_row_end(state, target):
         by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
     else:  # fixed to a link, not to the tool row
@@ -281,10 +281,11 @@ def turn_by_state(state: RobotState) -> Array:
 
 def place_of_target(state: RobotState, target: str = "jig") -> Array:
     """Position of a target (N, 3), mm in the base frame, or in the flange's where that carries the scanner."""
-    return world_target(state, target) if state.robot.carries_scanner else state.place(_target_mm(state, target))
+    return world_target(state, target) if state.robot.carries_scanner else state.place(target_in_chain(state, target))
 
 
-def _target_mm(state: RobotState, target: str) -> Array:
+def target_in_chain(state: RobotState, target: str) -> Array:
+    """Position of a target on the arm (N, 3), mm, before the base's turn and the displacement (`RobotState.place`)."""
     if _is_row_end(state, target):
         return state.chain.target_mm
     link = state.chain.base_T_link(state.robot.target(target).joint)

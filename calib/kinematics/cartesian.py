@@ -13,7 +13,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.errors import FitError
-from calib.kinematics.robot import Base, Joint, Robot
+from calib.kinematics.robot import FixedFrame, Joint, Robot
 
 _QUARTER = math.pi / 2.0
 _ROWS = (  # name, type, alpha, theta, beta: each row turns the next axis to where the next joint needs it
@@ -32,7 +32,7 @@ def cartesian_arm(name: str) -> Robot:
         Joint(name=axis, type=kind, alpha_rad=alpha, theta_rad=theta, beta_rad=beta)
         for axis, kind, alpha, theta, beta in _ROWS
     )
-    return Robot(name, joints, base=Base(rpy_rad=(0.0, _QUARTER, 0.0)), is_cartesian=True)
+    return Robot(name, joints, base=FixedFrame(rpy_rad=(0.0, _QUARTER, 0.0)), is_cartesian=True)
 
 
 def require_links(robot: Robot, what: str) -> None:

@@ -164,13 +164,14 @@ def turn_jacobian(chain: Chain) -> Array:
     return np.moveaxis(np.stack([none, chain.turned_x, none, z, y], axis=-1), 1, 2)
 
 
-def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
-    """Derivatives (N, 3, n), by the joints, of the tool point, mm, and of the tool's turn, rad, base frame.
+def joint_jacobian(chain: Chain, is_revolute: ArrayLike, points_mm: ArrayLike | None = None) -> tuple[Array, Array]:
+    """Derivatives (N, 3, n), by the joints, of points of the tool, mm, and of its turn, rad, base frame.
 
     Per rad of a revolute joint (its theta), per mm of a prismatic one (its d), which does not turn the tool.
+    points_mm  # (N, 3); None: the end of the tool's row
     """
     turns = np.asarray(is_revolute, dtype=bool)
-    by_table = point_jacobian(chain, chain.target_mm)[:, :, :-1]
+    by_table = point_jacobian(chain, chain.target_mm if points_mm is None else points_mm)[:, :, :-1]
     axes = np.moveaxis(chain.base_T_frame[:, :-2, :3, 2], 1, 2)  # z_(i-1) of each joint
     return np.where(turns, by_table[..., 3], by_table[..., 2]), np.where(turns, axes, 0.0)
 

@@ -2,8 +2,8 @@
 
 Frame i is `Rz(theta + q) Trans(a, 0, d) Rx(alpha) Ry(beta)` (Jang 2025 eq 3, Park 2022 section 2); a prismatic joint
 adds q to d instead. A tool row of the same form, without q, ends the chain. In files angles are degrees (robot.toml,
-read and written by `calib.dataset.files.robot_toml`); here they are radians. `Base` is the frame that the first row
-starts from.
+read and written by `calib.dataset.files.robot_toml`); here they are radians. The table stands between two known frames:
+that from which the first row starts (`Robot.base`), and the controller's flange (`Robot.flange`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray, Vector
 from calib.brief import Brief
-from calib.frames import make_transform, rotation_from_rpy
+from calib.frames import make_transform, rotation_from_rpy, rpy_from_rotation
 
 PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")
 """Columns of a robot's table, in order. a and d are lengths in mm, the others angles in rad."""
@@ -42,15 +42,21 @@ class Link(Brief):
 
 
 @dataclass(frozen=True)
-class Base:
-    """Frame in which the first row of the table starts, relative to the base frame; known, never fitted."""
+class FixedFrame:
+    """A frame at a known place in another one; never fitted."""
 
     xyz_mm: Vector = (0.0, 0.0, 0.0)
-    rpy_rad: Vector = (0.0, 0.0, 0.0)  # about the base's own x, then y, then z axis
+    rpy_rad: Vector = (0.0, 0.0, 0.0)  # about the other frame's own x, then y, then z axis
+
+    @classmethod
+    def of(cls, transform: Array) -> FixedFrame:
+        """The frame of a transform (4, 4) from it to the other one."""
+        (x, y, z), (roll, pitch, yaw) = transform[:3, 3].tolist(), rpy_from_rotation(transform[:3, :3]).tolist()
+        return cls((x, y, z), (roll, pitch, yaw))
 
     @property
     def transform(self) -> Array:
-        """Transform base_T_first (4, 4)."""
+        """Transform (4, 4) from this frame to the other one."""
         return make_transform(rotation_from_rpy(self.rpy_rad), self.xyz_mm)
 
 
@@ -161,7 +167,10 @@ class Robot(Brief):
     targets: tuple[Target, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     coupling: tuple[tuple[float, ...], ...] = ()  # (n, n) joint values by commanded ones; (): they are the same
-    base: Base = field(default_factory=Base)
+    base: FixedFrame = field(default_factory=FixedFrame)
+    """Frame that the first row starts from, in the base frame."""
+    flange: FixedFrame = field(default_factory=FixedFrame)
+    """Frame that the controller calls its flange, in that of the last joint (`calib.kinematics.flange`)."""
     carries_scanner: bool = False
     """Whether the scanner is on the flange and measures targets in the world; else it measures the tool."""
     is_cartesian: bool = False

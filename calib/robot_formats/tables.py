@@ -22,13 +22,15 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.frames import make_transform, rotation_from_rpy
+from calib.frames import invert, make_transform, rotation_from_rpy
 from calib.robot_formats.chain.five_parameters import row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 from calib.text_files.user_table import Fault, UserTable, load_table, plain, split_unit
 
 CONVENTIONS = ("standard", "modified")
 _TIPS = ("tool", "tool0", "flange", "tcp", "ee", "tip", "home", "m")
+_TOOLS = ("tool", "tcp")  # behind the flange
+_HERE = np.eye(4)
 _ANGLES = {"deg": math.pi / 180.0, "rad": 1.0}
 _LENGTHS = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
 _SAME_AXIS_MM, _SAME_AXIS_RAD = 1e-6, 1e-9
@@ -89,6 +91,7 @@ class _Table:
             self.fail(is_tip.index(True), "a fixed row stands between joints; join it to the next")
         self.joints = [i for i in range(len(table)) if not is_tip[i]]
         self.tip = last if is_tip[-1] else None
+        self.ends_at_tool = is_tip[-1] and plain(names[last]) in _TOOLS
         for i in self.joints:
             if types[i] not in ("revolute", "prismatic"):
                 self.fail(i, f"type {types[i][:30]!r}; expected revolute, prismatic or fixed")
@@ -150,15 +153,20 @@ class _Table:
         raise RobotFileError(f"{self.path}: line {self.table.lines[row]}: {words}")
 
     def chain(
-        self, places: Sequence[Array], end: Array, axes: Array | None = None, notes: tuple[str, ...] = ()
+        self, places: Sequence[Array], end: Array, axes: Array | None = None, last_T_flange: Array = _HERE
     ) -> SerialChain:
-        """Chain of the joints at origins (4, 4) in the frame before, each about its axis (3,), by default z."""
+        """Chain of the joints at origins (4, 4) in the frame before, each about its axis (3,), by default z.
+
+        last_T_flange: where the flange is if the tip is that of a tool.
+        """
         low, high = self.limits("min"), self.limits("max")
         joints = []
         for k, (name, kind, place) in enumerate(zip(self.names, self.types, places, strict=True)):
             x, y, z = (0.0, 0.0, 1.0) if axes is None else map(float, axes[k])
             joints.append(ChainJoint(name, place, (x, y, z), kind, low[k], high[k]))
-        return SerialChain(self.path.stem, tuple(joints), end, notes=notes)
+        return SerialChain(
+            self.path.stem, tuple(joints), end, tip_T_flange=invert(end) @ last_T_flange if self.ends_at_tool else None
+        )
 
 
 def _denavit_hartenberg(table: _Table, convention: str | None) -> SerialChain:
@@ -185,7 +193,7 @@ def _standard(table: _Table, rows: Array) -> SerialChain:
     ends = [row_transform((a, alpha, d, theta, 0.0)) for a, alpha, d, theta in rows]
     of_joints = [ends[i] for i in table.joints]
     end = of_joints[-1] if table.tip is None else of_joints[-1] @ ends[table.tip]
-    return table.chain([np.eye(4), *of_joints[:-1]], end)
+    return table.chain([np.eye(4), *of_joints[:-1]], end, last_T_flange=of_joints[-1])
 
 
 def _modified(table: _Table, rows: Array) -> SerialChain:

@@ -53,8 +53,8 @@ class CalibrateAddition(Addition[Asked, Command]):
         """Content of the files that are to be written."""
         return {}
 
-    def told(self) -> tuple[Mapping[str, Any], str]:
-        """What is told beside the fit: keys of the JSON document, and text."""
+    def told(self, fit: Calibration) -> tuple[Mapping[str, Any], str]:
+        """What is told beside the fit, or in another way: keys of the JSON document, and text."""
         return {}, ""
 
 

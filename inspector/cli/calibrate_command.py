@@ -94,7 +94,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     document["warnings"] = [*document["warnings"], *filter(None, [hint])]
     text = "\n".join(filter(None, [_calibration_text(steps, table), hint, said]))
     for added in options.added:
-        keys, words = added.told()
+        keys, words = added.told(result)
         document |= keys
         text = "\n".join(filter(None, [text, words]))
     contents: dict[Path, str | bytes] = {path: file.content for path, file in robot_files.items()}

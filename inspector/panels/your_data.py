@@ -36,8 +36,8 @@ SAME = "in the table of joints"
 SIGMA, TOOL = "Sigma, mm", "Tool, mm"
 SIGMA_HELP = "Standard deviation of a measured point, each axis, such as 0.05. Empty: unknown, taken from the residual."
 TOOL_HELP = (
-    "Offset x, y, z of the measured point from the flange (a URDF's last link, else the last joint). Empty: as in the "
-    "robot's file."
+    "Offset x, y, z of the measured point from the flange (a URDF's last link, robot.toml's [flange], else the last "
+    "joint). Empty: as in the robot's file."
 )
 NOTE = "More files? Drop them on the page; one of the same name replaces the one before."
 HOW = (

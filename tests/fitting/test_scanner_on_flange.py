@@ -15,7 +15,7 @@ from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_nominal_scanner_frames, with_observed_targets
 from calib.identifiability.structural import free_frame_rank, structural_rank
 from calib.identifiability.tool_rows import tool_rows
-from calib.kinematics.robot import Base, Robot
+from calib.kinematics.robot import FixedFrame, Robot
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
 from calib.present.fit.redundancy import free_frame_sentence, tool_sentence
@@ -86,7 +86,7 @@ def test_the_base_and_the_jig_moved_together_change_nothing() -> None:
     rng = np.random.default_rng(5)
     nominal = random_arm(rng, 6)
     dataset = flange_dataset_of(nominal, perturbed(nominal, rng), rng, poses=60, test=20, noise_mm=0.05)
-    moved = replace(dataset.robot, base=Base((300.0, -20.0, 700.0), (0.4, -1.0, 2.0)))
+    moved = replace(dataset.robot, base=FixedFrame((300.0, -20.0, 700.0), (0.4, -1.0, 2.0)))
     one, other = calibrate(dataset), calibrate(replace(dataset, robot=moved))
     np.testing.assert_allclose(one.after.error_mm, other.after.error_mm, atol=2e-4)
     assert one.fit.rank == other.fit.rank

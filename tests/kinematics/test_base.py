@@ -15,12 +15,12 @@ from calib.effects.gravity import GravityLoads
 from calib.errors import DatasetError
 from calib.frames import rotation_from_rpy, rpy_from_rotation
 from calib.kinematics.chain import forward, nominal_chain, point_jacobian
-from calib.kinematics.robot import Base, Robot
+from calib.kinematics.robot import FixedFrame, Robot
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.mechanism import Arm
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
 
-BASE = Base((120.0, -40.0, 700.0), (0.3, -0.7, 2.1))
+BASE = FixedFrame((120.0, -40.0, 700.0), (0.3, -0.7, 2.1))
 
 
 def on_base() -> Robot:

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from calib.errors import CalibError
-from calib.kinematics.robot import Base, Robot
+from calib.kinematics.robot import FixedFrame, Robot
 from calib.robot_formats.calibrated_file import calibrated_yaml
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
@@ -65,7 +65,7 @@ def test_a_kinematics_file_may_start_from_another_link_than_robot_toml(tmp_path:
     path = tmp_path / "ur10.yaml"
     path.write_text(UR_YAML)
     here = read_robot(path).robot
-    turned = Robot(here.name, here.joints, here.tool, base=Base((5.0, 6.0, 7.0), (0.0, 0.0, np.pi)))
+    turned = Robot(here.name, here.joints, here.tool, base=FixedFrame((5.0, 6.0, 7.0), (0.0, 0.0, np.pi)))
     assert calibrated_yaml(path, turned, turned).changed == ()
 
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.dataset.dataset import Surroundings
 from calib.frames import make_transform
-from calib.kinematics.robot import Base
+from calib.kinematics.robot import FixedFrame
 from calib.workcell.candidates import candidate_poses, likely_poses
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.measurable import (
@@ -143,7 +143,7 @@ def test_moving_the_whole_cell_changes_nothing(
     moved_T_base = make_transform(Rotation.from_euler("z", turn).as_matrix(), [x, y, z])
     moved = replace(
         cell,
-        robot=replace(cell.robot, base=Base((x, y, z), (0.0, 0.0, turn))),
+        robot=replace(cell.robot, base=FixedFrame((x, y, z), (0.0, 0.0, turn))),
         base_T_scanner=moved_T_base @ cell.base_T_scanner,
         floor_z_mm=100.0 + z,
     )

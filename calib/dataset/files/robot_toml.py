@@ -14,7 +14,7 @@ import tomli_w
 
 from calib.array_types import Vector
 from calib.errors import DatasetError
-from calib.kinematics.robot import TARGET_TOLERANCE_MM, TOOL_POINT, Base, Joint, Robot, Target, Tool
+from calib.kinematics.robot import TARGET_TOLERANCE_MM, TOOL_POINT, FixedFrame, Joint, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
 from calib.text_files.toml_table import TomlTable
 
@@ -55,20 +55,21 @@ def load_robot_toml(path: Path) -> Robot:
         gravity_m_s2=top.vector("gravity_m_s2") or (0.0, 0.0, -9.81),
         targets=tuple(targets),
         coupling=_coupling(top, joints),
-        base=_base(top.table("base")),
+        base=_fixed_frame(top.table("base"), "base"),
+        flange=_fixed_frame(top.table("flange"), "flange"),
         is_cartesian=top.flag("cartesian", False),
     )
     _refuse_metres(robot, path)
     return replace(robot, extra=top.unread())
 
 
-def _base(table: TomlTable) -> Base:
-    """The transform [base] before the first row of the table; the identity where it is absent."""
+def _fixed_frame(table: TomlTable, name: str) -> FixedFrame:
+    """The frame before the first row, [base], or behind the last joint, [flange]; the identity where it is absent."""
     xyz_mm, rpy_deg = table.vector("xyz_mm"), table.vector("rpy_deg")
     for key in table.unread():
-        raise table.error(key, "no such key", "[base] has xyz_mm = [x, y, z] and rpy_deg = [roll, pitch, yaw]")
+        raise table.error(key, "no such key", f"[{name}] has xyz_mm = [x, y, z] and rpy_deg = [roll, pitch, yaw]")
     roll, pitch, yaw = map(math.radians, rpy_deg or (0.0, 0.0, 0.0))
-    return Base(xyz_mm or (0.0, 0.0, 0.0), (roll, pitch, yaw))
+    return FixedFrame(xyz_mm or (0.0, 0.0, 0.0), (roll, pitch, yaw))
 
 
 def _joint_of(table: TomlTable, joints: int) -> int | None:
@@ -191,9 +192,10 @@ def robot_to_toml(robot: Robot) -> str:
         document["cartesian"] = True
     if robot.coupling:
         document["coupling"] = [list(row) for row in robot.coupling]
-    if robot.base != Base():
-        rpy_deg = [degrees(angle_rad) for angle_rad in robot.base.rpy_rad]
-        document["base"] = {"xyz_mm": list(robot.base.xyz_mm), "rpy_deg": rpy_deg}
+    for name, frame in (("base", robot.base), ("flange", robot.flange)):
+        if frame != FixedFrame():
+            rpy_deg = [degrees(angle_rad) for angle_rad in frame.rpy_rad]
+            document[name] = {"xyz_mm": list(frame.xyz_mm), "rpy_deg": rpy_deg}
     document["joints"] = [_joint_document(joint) for joint in robot.joints]
     tool = robot.tool
     document["tool"] = _present(
@@ -264,9 +266,10 @@ def refuse_beyond(robot: Robot, path: Path) -> None:
 def _sizes(robot: Robot) -> Iterator[tuple[str, str, float | Vector]]:
     """Table, key and value of every physical quantity in robot.toml, in the file's units."""
     yield "", "gravity_m_s2", robot.gravity_m_s2
-    yield "[base].", "xyz_mm", robot.base.xyz_mm
-    roll, pitch, yaw = map(math.degrees, robot.base.rpy_rad)
-    yield "[base].", "rpy_deg", (roll, pitch, yaw)
+    for name, frame in (("base", robot.base), ("flange", robot.flange)):
+        yield f"[{name}].", "xyz_mm", frame.xyz_mm
+        roll, pitch, yaw = map(math.degrees, frame.rpy_rad)
+        yield f"[{name}].", "rpy_deg", (roll, pitch, yaw)
     for number, joint in enumerate(robot.joints, 1):
         yield from _link_sizes(f"[[joints]] {number}.", joint)
     yield from _link_sizes("[tool].", robot.tool)

@@ -2,8 +2,8 @@
 
 A controller turns a pose into joints by its own nominal table. So a pose target becomes the nominal arm's joints there
 (`calib.compensation.postures`), these are corrected as any joint target, and the new pose is where the nominal arm
-stands with the corrected joints, in the target's work frame and for its tool. The controller's flange is the frame of
-the last joint in robot.toml, its base that of robot.toml.
+stands with the corrected joints, in the target's work frame and for its tool. The controller's flange is that of
+robot.toml (`calib.kinematics.flange`), its base that of robot.toml.
 
 A fit that determines positions alone knows them for the tool point of robot.toml: pose targets for another tool point
 are then left as they are.
@@ -19,12 +19,13 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.compensation.correction import Correction, Corrects
-from calib.compensation.postures import Place, Posture, flange_frames, postures_at, tool_row
+from calib.compensation.postures import Place, Posture, postures_at
 from calib.compensation.target_correction import correction_of
 from calib.errors import CalibError
 from calib.extras.robot_programs.program_targets import Frames, Program, frame_of, require_frames
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
 from calib.extras.robot_programs.program_text.source import ProgramTarget
+from calib.kinematics.flange import flange_frames, flange_T_tip, measured_point_on_flange
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
 
@@ -184,7 +185,7 @@ def _with_joints(program: Program, nominal: Robot, trained: Array, tools: Frames
     for target in program.targets:
         if target.kind == "joints":
             before = (target.name, written(target.values))
-            known.append(_Known(target, before[1], tool_row(nominal), np.eye(4)))
+            known.append(_Known(target, before[1], flange_T_tip(nominal), np.eye(4)))
             continue
         flange_T_tool, base_T_work = frame_of(target.tool, tools), frame_of(target.work, works)
         try:
@@ -211,7 +212,7 @@ def _where_the_tool_is_known(correction: Correction, known: Sequence[_Known]) ->
     """Correction in which poses for another tool point count as not reached where positions alone are corrected."""
     if correction.kind == "pose":
         return correction
-    own = tool_row(correction.robot)[:3, 3]
+    own = measured_point_on_flange(correction.robot)
     reached, reasons = correction.reached.copy(), list(correction.reasons)
     for k, each in enumerate(known):
         away_mm = float(np.linalg.norm(each.flange_T_tool[:3, 3] - own))

@@ -130,9 +130,9 @@ def instrument_facts(calibration: Calibration) -> list[tuple[str, object]]:
     """Facts on where the instrument is, and on what else is known of it."""
     noun = names.instrument(calibration.dataset)
     if calibration.model.robot.carries_scanner:
-        facts = [_place_fact(mount, f"{noun} on the flange") for mount in mounts(calibration)]
+        facts = [place_fact(mount, f"{noun} on the flange") for mount in mounts(calibration)]
     else:
-        facts = [_place_fact(place, f"{noun} in the base's frame") for place in camera_places(calibration)]
+        facts = [place_fact(place, f"{noun} in the base's frame") for place in camera_places(calibration)]
     for part in contributions(CalibrationPart):
         facts += load(part.facts)(calibration)
     return facts
@@ -146,7 +146,7 @@ def camera_sections(calibration: Calibration) -> list[Section]:
     return [Section("Camera", [Facts(instrument_facts(calibration)), *figures], brief=True)]
 
 
-def _place_fact(place: Mount | CameraPlace, where: str) -> tuple[str, object]:
+def place_fact(place: Mount | CameraPlace, where: str) -> tuple[str, object]:
     """Fact on where an instrument is, with sigmas."""
     sigmas, with_table = (np.sqrt(np.diag(c)) for c in (place.covariance, place.covariance_with_table))
     xyz = ", ".join(map(numbers.with_sigma, place.xyz_mm, sigmas))

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, Vector
-from calib.frames import apply, invert, make_transform, rotation_from_rpy, rpy_from_rotation
+from calib.frames import apply, invert, make_transform, rotation_from_rpy
 from calib.kinematics.chain import nominal_chain
-from calib.kinematics.robot import Base, Joint, Robot, Tool
+from calib.kinematics.robot import FixedFrame, Joint, Robot, Tool
 from calib.kinematics.tool_point import tip_T_last
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 
@@ -53,14 +53,13 @@ def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> 
         _joint(joint, row, invert(frame) @ of_joint)
         for joint, row, frame, of_joint in zip(chain.joints, [*rows, last], frames[1:], at_zero[:-1], strict=True)
     ]
-    xyz, (roll, pitch, yaw) = frames[0][:3, 3], map(float, rpy_from_rotation(frames[0][:3, :3]))
     return Robot(
         name=chain.name,
         joints=tuple(joints),
         tool=Tool(*tool),
         gravity_m_s2=chain.gravity_m_s2,
         coupling=chain.coupling,
-        base=Base(vector(xyz), (roll, pitch, yaw)),
+        base=FixedFrame.of(frames[0]),
     )
 
 

@@ -52,6 +52,7 @@ class SerialChain:
     coupling: tuple[tuple[float, ...], ...] = ()  # as of Robot: (n, n) joint values by commanded ones
     tool_point_mm: Vector | None = None  # the measured point, in the tip's frame, where it is not the tip itself
     notes: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
+    tip_T_flange: Array | None = None  # (4, 4) mm from the controller's flange to the tip; None where the tip is it
 
     @property
     def at_zero(self) -> Array:

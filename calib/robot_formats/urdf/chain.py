@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, Vector
-from calib.frames import apply, make_transform, rotation_from_rotvec
+from calib.frames import apply, invert, make_transform, rotation_from_rotvec
 from calib.rendering import numbers
 from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
 from calib.robot_formats.urdf.safe_xml import XmlFile
 from calib.robot_formats.urdf.tree import UrdfJoint, UrdfTree
 
+_FLANGE = "tool0"  # end of the name of the link that ROS keeps for the controller's flange
 _MOST_LISTED = 30  # names of links in a message
 _LEAST_MULTIPLIER, _LARGEST_MULTIPLIER = 1e-3, 1e3  # of a multiplier; robot.toml takes a matrix that has an inverse
 
@@ -151,12 +152,15 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
     joints: list[ChainJoint] = []
     notes: list[str] = []
     before = np.eye(4)
+    last_T_flange: Array | None = None
     following = iter(arm.following)
     weighed = [inertial for inertial in arm.tree.links.values() if inertial is not None and inertial.mass_kg > 0.0]
     for joint in arm.joints:
         before = before @ joint.parent_T_joint
         if not joint.moves:
+            last_T_flange = before if joint.child.endswith(_FLANGE) else last_T_flange
             continue
+        last_T_flange = None
         mass_kg, com_mm = _lump(arm, joint.child) if weighed else (None, None)
         scale = 1e3 if joint.type == "prismatic" else 1.0
         follows = next(following)
@@ -192,6 +196,7 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
         tip=arm.tip,
         coupling=tuple(each.row for each in arm.following) if any(each.words for each in arm.following) else (),
         notes=tuple(notes),
+        tip_T_flange=None if last_T_flange is None else invert(before) @ last_T_flange,
     )
 
 

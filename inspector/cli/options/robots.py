@@ -50,8 +50,8 @@ class ImportOptions(RobotFileOptions):
         parse=values.sigma_mm,
     )
     tool: tuple[float, float, float] | None = option(
-        "the measured point from the flange (a URDF's last link, else the last joint), in mm, such as "
-        "--tool=0,0,88.5 (default: as the robot's file has it)",
+        "the measured point from the flange (a URDF's last link, robot.toml's [flange], else the last joint), in mm, "
+        "such as --tool=0,0,88.5 (default: as the robot's file has it)",
         metavar="X,Y,Z",
         parse=values.tool_mm,
     )

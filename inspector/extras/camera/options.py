@@ -21,7 +21,8 @@ class HandEyeOptions:
         metavar="NAME",
     )
     parent_at: str = option(
-        "which frame that is: behind robot.toml's last joint (default), or behind its tool row, a URDF's tip link",
+        "which frame that is: the controller's flange, as robot.toml's [flange] has it (default), or the end of its "
+        "tool row",
         "flange",
         choices=("flange", "tip"),
     )

@@ -37,7 +37,7 @@ class FromType(CalibrateAddition[TypeOptions, CalibrateOptions]):
         self.pooled = fit_from_type(dataset, self.arm_type, self.command.fit_options())
         return self.pooled.calibration
 
-    def told(self) -> tuple[Mapping[str, Any], str]:
+    def told(self, fit: Calibration) -> tuple[Mapping[str, Any], str]:
         """What the type says of the fit."""
         return {"type": pooled_document(self.pooled, self.arm_type)}, block_text(
             pooled_block(self.pooled, self.arm_type)

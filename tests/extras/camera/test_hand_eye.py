@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import cv2
@@ -12,11 +13,14 @@ from scipy.spatial.transform import Rotation
 from calib import calibrate
 from calib.calibration.mount import camera_places
 from calib.calibration.result import declared_sigma_mm
+from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.points_csv import points_frame
 from calib.extras.camera.arm_or_camera import arm_or_camera
 from calib.extras.camera.board import board_of
 from calib.extras.camera.reprojection import reprojected_views, rms_px
 from calib.extras.camera.view import covariance_of
+from calib.kinematics.robot import FixedFrame, Tool
+from inspector.cli.parser import main
 from inspector.figures import reprojection, to_svg
 from tests.extras.camera.camera_dataset import simulated_dataset, simulated_views, true_lens
 from tests.support.camera_scene import Scene, flange, nominal_table
@@ -193,3 +197,27 @@ def test_links_found_by_a_camera_are_as_certain_as_promised():
         squares.append(error @ np.linalg.solve(calibration.fit.covariance[np.ix_(rows, rows)], error))
         dof.append(len(rows))
     assert np.mean(squares) == pytest.approx(np.mean(dof), rel=0.2)
+
+
+@pytest.mark.parametrize(("asked", "off_mm"), [("flange", 99.6), ("tip", 250.0)])
+def test_text_json_and_file_tell_the_camera_in_the_frame_that_was_asked_for(asked, off_mm, tmp_path, capsys):
+    scene = Scene.draw(np.random.default_rng(3), on_flange=True, poses=12)
+    dataset = simulated_dataset(scene, BOARD, np.random.default_rng(4), sigma_px=0.1)
+    tool = Tool(d_mm=250.0)
+    robot = replace(dataset.robot, flange=FixedFrame((0.0, 0.0, 99.6), (0.0, 0.0, np.pi / 2)), tool=tool)
+    write_dataset(replace(dataset, robot=robot), tmp_path / "cell")
+    given = ["--residual", "pose", "--hold", "links", "--parent-at", asked, "--parent-frame", "tool0"]
+    given = ["calibrate", str(tmp_path / "cell"), *given, "--hand-eye-out", str(tmp_path / "tf.json")]
+    assert main([*given, "--json"]) == 0
+    (place,) = json.loads(capsys.readouterr().out)["hand_eye"]
+    assert place["parent"] == asked
+    turn = Rotation.from_euler("z", -90 if asked == "flange" else 0, degrees=True)
+    true_mm = turn.apply(scene.parent_T_camera[:3, 3] - [0.0, 0.0, off_mm])
+    found_mm = np.array(place["parent_T_camera"])[:3, 3]
+    assert np.abs(found_mm - true_mm).max() < 0.5
+    (in_file,) = json.loads((tmp_path / "tf.json").read_text())
+    np.testing.assert_allclose(in_file["translation_m"], found_mm / 1000.0, atol=1e-8)
+    assert main(given) == 0
+    told = capsys.readouterr().out.replace("−", "-")
+    assert f"the {asked}" in told
+    assert f"{found_mm[2]:.1f}" in told

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.extras.robot_forms.ur_calibration import MODELS, nominal_rows
-from calib.kinematics.robot import Base
+from calib.kinematics.robot import FixedFrame
 from calib.robot_formats.chain.five_parameters import frames_at_zero
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
@@ -33,7 +33,7 @@ def test_a_ur_calibration_is_the_controllers_arm_with_small_numbers(tmp_path: Pa
     assert max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(frames[:5], nominal[:5], strict=True)) < 5.0
     assert np.abs(found.robot.table[:, [0, 2]]).max() < 700.0
     assert f"d of {np.abs(rows[:, 2]).max() / 1e3:.4g} m" in found.summary
-    assert found.robot.base == Base()
+    assert found.robot.base == FixedFrame()
 
 
 def test_a_ur_calibration_needs_its_arms_model(tmp_path: Path) -> None:

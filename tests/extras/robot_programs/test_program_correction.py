@@ -5,23 +5,24 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from calib.compensation.postures import Place, flange_frames, postures_at
+from calib.compensation.postures import Place, postures_at
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.extras.robot_programs.program_correction import ProgramCorrection, corrected_program
 from calib.extras.robot_programs.program_targets import load_program
+from calib.kinematics.flange import flange_frames
 from calib.kinematics.robot import Robot
 from inspector.cli.parser import main
+from tests.extras.robot_programs.controllers import LANGUAGES, NUMBER, inverse, listed, makers, of_maker, transform
 from tests.support.hidden_dataset import write_hidden
 
-LANGUAGES = {"URScript": ".script", "KRL": ".src", "RAPID": ".mod"}
 Q = np.radians(
     [
         [10.0, -20.0, 95.0, 15.0, -60.0, 30.0],
@@ -29,13 +30,6 @@ Q = np.radians(
         [60.0, 10.0, 80.0, 100.0, 50.0, 20.0],
     ]
 )
-NUMBER = r"[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?"
-
-
-def transform(rotation: Rotation, position: object) -> np.ndarray:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = rotation.as_matrix(), position
-    return out
 
 
 def link(a: float, alpha: float, d: float, theta: float, beta: float) -> np.ndarray:
@@ -49,38 +43,6 @@ def flange(table: np.ndarray, q: np.ndarray) -> np.ndarray:
     for (a, alpha, d, theta, beta), angle in zip(table[:-1], q, strict=True):
         out = out @ link(a, alpha, d, theta + angle, beta)
     return out
-
-
-def inverse(table: np.ndarray, goal: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Joints near a start with which an arm's flange stands at a goal, as a controller finds them."""
-
-    def off(q: np.ndarray) -> np.ndarray:
-        at = flange(table, q)
-        return np.r_[at[:3, 3] - goal[:3, 3], 1000.0 * (at[:3, :3] - goal[:3, :3]).ravel()]
-
-    found = least_squares(off, start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    assert np.abs(off(found.x)).max() < 1e-6
-    return found.x
-
-
-def makers(language: str, pose: np.ndarray) -> np.ndarray:
-    """Numbers of a pose in the maker's convention."""
-    turn, position = Rotation.from_matrix(pose[:3, :3]), pose[:3, 3]
-    if language == "URScript":
-        return np.r_[position / 1000.0, turn.as_rotvec()]
-    if language == "KRL":
-        return np.r_[position, turn.as_euler("ZYX", degrees=True)]
-    x, y, z, w = turn.as_quat()
-    return np.r_[position, w, x, y, z]
-
-
-def of_maker(language: str, values: np.ndarray) -> np.ndarray:
-    position, turn = values[:3], values[3:]
-    if language == "URScript":
-        return transform(Rotation.from_rotvec(turn), 1000.0 * position)
-    if language == "KRL":
-        return transform(Rotation.from_euler("ZYX", turn, degrees=True), position)
-    return transform(Rotation.from_quat([*turn[1:], turn[0]]), position)
 
 
 @dataclass(frozen=True)
@@ -102,15 +64,6 @@ def cell() -> Cell:
     tool = transform(Rotation.from_euler("xyz", [0.2, -0.1, 0.7]), [20.0, -15.0, 160.0])
     work = transform(Rotation.from_euler("xyz", [0.05, 0.02, 0.4]), [300.0, -150.0, 40.0])
     return Cell(nominal, nominal.with_table(table), tool, work)
-
-
-def listed(language: str, values: np.ndarray, decimals: int = 9) -> str:
-    texts = [f"{value:.{decimals}f}" for value in values]
-    if language == "KRL":
-        return ",".join(f"{name} {text}" for name, text in zip("XYZABC", texts, strict=True))
-    if language == "RAPID":
-        return f"[{','.join(texts[:3])}],[{','.join(texts[3:])}]"
-    return f"p[{', '.join(texts)}]"
 
 
 def written(language: str, cell: Cell, *, configured: bool = True) -> str:
@@ -183,7 +136,9 @@ def test_the_true_arm_goes_where_the_nominal_one_was_told_to(language: str, cell
     work = np.eye(4) if language == "URScript" else cell.work
     for k, q in enumerate(Q):
         wanted = work @ of_maker(language, told[k])
-        commanded = inverse(cell.nominal.table, work @ of_maker(language, poses[k]) @ np.linalg.inv(cell.tool), q)
+        commanded = inverse(
+            partial(flange, cell.nominal.table), work @ of_maker(language, poses[k]) @ np.linalg.inv(cell.tool), q
+        )
         for sent in (joints[k], commanded):
             stands = flange(cell.true.table, sent) @ cell.tool
             assert np.linalg.norm(stands[:3, 3] - wanted[:3, 3]) < 2e-5
@@ -327,7 +282,7 @@ def test_qnear_and_frames_of_urscript_count(cell: Cell, tmp_path: Path) -> None:
     ]
     for q, values in zip(turned, new, strict=True):
         at = cell.work @ of_maker("URScript", values) @ np.linalg.inv(cell.tool)
-        stands = flange(cell.true.table, inverse(cell.nominal.table, at, q)) @ cell.tool
+        stands = flange(cell.true.table, inverse(partial(flange, cell.nominal.table), at, q)) @ cell.tool
         wanted = flange(cell.nominal.table, q) @ cell.tool
         assert np.linalg.norm(stands[:3, 3] - wanted[:3, 3]) < 2e-5
     degrees = [float(v) for v in re.findall(rf"d2r\(({NUMBER})\)", result.content.decode())]

@@ -10,7 +10,7 @@ import pytest
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.gravity import GravityLoads
 from calib.kinematics.chain import nominal_chain
-from calib.kinematics.robot import Base, Robot
+from calib.kinematics.robot import FixedFrame, Robot
 from calib.robot_formats.chain.calibrated_origins import with_calibration
 from calib.robot_formats.chain.five_parameters import chain_of, robot_of
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, chain_frames
@@ -47,7 +47,7 @@ def test_any_table_becomes_a_chain_and_a_table_again(count: int) -> None:
     for chain, q in chains(count, seed=1):
         robot = robot_of(chain)
         table = robot.table + rng.normal(0, 1, robot.table.shape) * [100.0, 1.0, 100.0, 1.0, 1.0]
-        any_robot = replace(robot.with_table(table), base=Base((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)))
+        any_robot = replace(robot.with_table(table), base=FixedFrame((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)))
         again = chain_of(any_robot)
         assert_same(chain_frames(again, q)[:, -1], tip_of(any_robot, q))
         assert_same(tip_of(robot_of(again), q), tip_of(any_robot, q))
@@ -81,7 +81,7 @@ def test_an_upright_arm_with_square_axes_gets_the_table_that_one_writes_by_hand(
     ]
     joints = tuple(ChainJoint(f"J{k}", transform(xyz, rpy), axis) for k, (xyz, rpy, axis) in enumerate(places, 1))
     robot = robot_of(SerialChain("UR10", joints, transform((0, 92.2, 0), (0, 0, square))))
-    assert robot.base == Base()
+    assert robot.base == FixedFrame()
     a, alpha, d, theta, beta = robot.table.T
     assert np.abs(a) == pytest.approx([0, 612.0, 572.3, 0, 0, 0, 0], abs=1e-9)
     assert np.abs(alpha[:5]) == pytest.approx([square, 0, 0, square, square], abs=1e-12)
