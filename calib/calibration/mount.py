@@ -66,20 +66,17 @@ class CameraPlace(Brief):
         """Standard deviations (3,) of the place along the parent's axes, mm."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
-    def seen_from(self, parent: str, new_T_parent: Array) -> CameraPlace:
-        """The same place in another frame, of this name, that is fixed to the parent."""
-        turn = np.kron(np.eye(2), new_T_parent[:3, :3])  # a small turn of the camera moves no point of its own origin
+    def from_tip(self, robot: Robot) -> CameraPlace:
+        """The same place in the frame behind the tool row of robot.toml, for a camera on the flange."""
+        tip_T_flange = frames.invert(flange_T_tip(robot))
+        turn = np.kron(np.eye(2), tip_T_flange[:3, :3])  # a small turn of the camera moves no point of its own origin
         return replace(
             self,
-            parent=parent,
-            parent_T_camera=new_T_parent @ self.parent_T_camera,
+            parent="tip",
+            parent_T_camera=tip_T_flange @ self.parent_T_camera,
             covariance=turn @ self.covariance @ turn.T,
             covariance_with_table=turn @ self.covariance_with_table @ turn.T,
         )
-
-    def from_tip(self, robot: Robot) -> CameraPlace:
-        """The same place in the frame behind the tool row of robot.toml, for a camera on the flange."""
-        return self.seen_from("tip", frames.invert(flange_T_tip(robot)))
 
 
 def mounts(calibration: Calibration) -> tuple[Mount, ...]:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import CalibError
+from calib.frames import invert
+from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.chain.five_parameters import robot_of, row_transform
@@ -93,5 +95,7 @@ def as_modified(robot: Robot) -> Robot | None:
             )
         )
         before = np.eye(4)
-    chain = SerialChain(robot.name, tuple(joints), row_transform(robot.tool.row), robot.gravity_m_s2)
-    return robot_of(chain)
+    tool = row_transform(robot.tool.row)
+    return robot_of(
+        SerialChain(robot.name, tuple(joints), tool, robot.gravity_m_s2, tip_T_flange=invert(flange_T_tip(robot)))
+    )

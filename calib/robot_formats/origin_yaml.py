@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.frames import make_transform, rotation_from_rpy, rpy_from_rotation
-from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, chain_frames
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 from calib.robot_formats.urdf.safe_xml import read_bytes
 
 _MOST_BYTES = 1024 * 1024
@@ -165,10 +165,9 @@ def chain_of_yaml(origins: OriginYaml) -> SerialChain:
     notes = ["the joints turn about z of their blocks, as in the makers' descriptions; limits and masses are not in it"]
     chain = SerialChain(origins.file.path.stem, joints, end)
     if set(origins.blocks) == set(_UR_LINKS):
-        off_mm = _intrinsic_differs_mm(origins, chain)
         notes.append(
-            f"rpy are read about fixed axes, as URDF reads them; the exporter of UR's driver writes turns about moving "
-            f"axes there, which would put this arm's tip up to {off_mm:.2g} mm elsewhere"
+            "rpy are read about fixed axes, as URDF reads them; the exporter of UR's driver writes turns about moving "
+            "axes there"
         )
     return SerialChain(chain.name, chain.joints, chain.last_T_tip, notes=tuple(notes))
 
@@ -230,17 +229,3 @@ def number_of(file: YamlFile, name: str, key: str, node: YamlNode) -> float:
     if not abs(value) <= _MOST or "_" in text:
         file.fail(node.line, f"{key} of {name} is {node.text[:40]!r}", "a number in metres or radians is needed")
     return value
-
-
-def _intrinsic_differs_mm(origins: OriginYaml, chain: SerialChain) -> float:
-    """Largest change of the tip's position, mm, if the file's angles were about moving instead of fixed axes."""
-    other = []
-    for (name, block), joint in zip(origins.blocks.items(), chain.joints, strict=True):
-        rpy = np.array([number_of(origins.file, name, key, block.children[key]) for key in KEYS[3:]])
-        turn = rotation_from_rpy(-rpy).T  # about x, then about the moved y and z
-        other.append(ChainJoint(joint.name, make_transform(turn, joint.before_T_joint[:3, 3])))
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, len(other)))
-    tips = [
-        chain_frames(of, q)[:, -1, :3, 3] for of in (chain, SerialChain(chain.name, tuple(other), chain.last_T_tip))
-    ]
-    return float(np.linalg.norm(tips[0] - tips[1], axis=1).max())

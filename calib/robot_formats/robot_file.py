@@ -12,8 +12,7 @@ from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refus
 from calib.errors import is_one_line
 from calib.frames import invert
 from calib.kinematics.chain import nominal_chain
-from calib.kinematics.robot import FixedFrame, Robot
-from calib.kinematics.tool_point import tip_T_last
+from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.plugins import load
 from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
@@ -31,7 +30,6 @@ _GONE = {  # forms that are not read, with what to give instead
     ".sdf": "SDF is not read; give the arm's URDF",
     ".srdf": "an SRDF is not read; give the arm's URDF, and the links of the group as --base and --tip",
 }
-_ROUNDING = 1e-9  # mm or rad, below which the flange is the last joint's frame
 _OF_EXTRA = (".xacro", ".conf")  # what calib/extras/robot_forms reads, where it is there
 
 
@@ -185,12 +183,6 @@ def conversion_error_mm(robot: Robot, chain: SerialChain) -> float:
     return float(np.linalg.norm(mine[:, :3, 3] - chain_frames(chain, q)[:, -1, :3, 3], axis=1).max())
 
 
-def _flange(robot: Robot, chain: SerialChain) -> FixedFrame:
-    """The controller's flange of an arm whose tool row ends at the tip of a chain."""
-    last_T_flange = invert(tip_T_last(robot)) @ (np.eye(4) if chain.tip_T_flange is None else chain.tip_T_flange)
-    return FixedFrame() if np.allclose(last_T_flange, np.eye(4), atol=_ROUNDING) else FixedFrame.of(last_T_flange)
-
-
 def of_chain(chain: SerialChain, path: Path, robot: Robot | None = None) -> RobotFile:
     """Robot of a file's chain, by default with the table made of it; it keeps the names of the file and its links.
 
@@ -201,6 +193,6 @@ def of_chain(chain: SerialChain, path: Path, robot: Robot | None = None) -> Robo
         if name and not is_one_line(name):
             raise RobotFileError(f"{path}: holds the name {name[:60]!r}; a name has no hidden characters, rename it")
     source = {"file": path.name} | {key: name for key, name in (("base", chain.base), ("tip", chain.tip)) if name}
-    robot = replace(robot, extra={SOURCE: source}, flange=_flange(robot, chain))
+    robot = replace(robot, extra={SOURCE: source})
     refuse_beyond(robot, path)
     return RobotFile(robot, chain, chain.notes)

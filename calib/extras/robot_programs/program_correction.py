@@ -1,8 +1,8 @@
 """Correction of the targets in a robot program: joints, and poses in the maker's own numbers.
 
 A controller turns a pose into joints by its own nominal table. So a pose target becomes the nominal arm's joints there
-(`calib.compensation.postures`), these are corrected as any joint target, and the new pose is where the nominal arm
-stands with the corrected joints, in the target's work frame and for its tool. The controller's flange is that of
+(`calib.extras.robot_programs.postures`), these are corrected as any joint target, and the new pose is where the nominal
+arm stands with the corrected joints, in the target's work frame and for its tool. The controller's flange is that of
 robot.toml (`calib.kinematics.flange`), its base that of robot.toml.
 
 A fit that determines positions alone knows them for the tool point of robot.toml: pose targets for another tool point
@@ -19,9 +19,9 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.compensation.correction import Correction, Corrects
-from calib.compensation.postures import Place, Posture, postures_at
 from calib.compensation.target_correction import correction_of
 from calib.errors import CalibError
+from calib.extras.robot_programs.postures import Place, Posture, postures_at
 from calib.extras.robot_programs.program_targets import Frames, Program, frame_of, require_frames
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
 from calib.extras.robot_programs.program_text.source import ProgramTarget

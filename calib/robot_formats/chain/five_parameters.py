@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array, Vector
 from calib.frames import apply, invert, make_transform, rotation_from_rpy
 from calib.kinematics.chain import nominal_chain
+from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import FixedFrame, Joint, Robot, Tool
 from calib.kinematics.tool_point import tip_T_last
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
@@ -60,7 +61,12 @@ def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> 
         gravity_m_s2=chain.gravity_m_s2,
         coupling=chain.coupling,
         base=FixedFrame.of(frames[0]),
+        flange=_flange(row_transform(tool) if chain.tip_T_flange is None else row_transform(tool) @ chain.tip_T_flange),
     )
+
+
+def _flange(last_T_flange: Array) -> FixedFrame:
+    return FixedFrame() if np.allclose(last_T_flange, np.eye(4), atol=_NOTHING_MM) else FixedFrame.of(last_T_flange)
 
 
 def chain_of(robot: Robot) -> SerialChain:
@@ -95,6 +101,7 @@ def chain_of(robot: Robot) -> SerialChain:
         before @ row_transform(robot.tool.row),
         robot.gravity_m_s2,
         tool_point_mm=None if own is None else vector(apply(tip_T_last(robot), own.xyz_mm)),
+        tip_T_flange=invert(flange_T_tip(robot)),
     )
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.compensation.postures import Place, postures_at
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
+from calib.extras.robot_programs.postures import Place, postures_at
 from calib.extras.robot_programs.program_correction import ProgramCorrection, corrected_program
 from calib.extras.robot_programs.program_targets import load_program
 from calib.kinematics.flange import flange_frames

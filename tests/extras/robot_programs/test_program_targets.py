@@ -384,16 +384,12 @@ speeds = [0, 0, 0, 0, 0, 0]
     assert b"movej([d2r(60.000000), d2r( 0.000000 ), 0, 0, 1, 0])" in changed
 
 
-def test_urscript_targets_are_followed_into_functions(tmp_path: Path) -> None:
+def test_urscript_targets_are_followed_into_other_variables_and_not_into_functions(tmp_path: Path) -> None:
     found = program(
         tmp_path,
         "a.script",
         """def go(target, acc=1.2):
   movel(target, a=acc)
-end
-def pick(where):
-  go(pose_trans(where, p[0,0,-0.1,0,0,0]))
-  go(where)
 end
 set_tcp(p[0,0,0.1,0,0,0])
 p1 = p[0.1,-0.5,0.3,0,3.1,0]
@@ -401,7 +397,7 @@ p2 = p[0.2,-0.5,0.3,0,3.1,0]
 p3 = p[0.3,-0.5,0.3,0,3.1,0]
 W_p = p[0.4,-0.5,0.3,0,3.1,0]
 W_q = [0,-1.5,1.5,0,1.5,0]
-pick(where=p1)
+go(p1)
 above = p2
 above[2] = above[2] + 0.1
 movel(above)
@@ -412,10 +408,11 @@ movel(W_p)
 textmsg(pose_dist(p1, get_actual_tcp_pose()))
 """,
     )
-    assert [t.name for t in found.targets] == ["p1", "p2", "W_p"]
+    assert [t.name for t in found.targets] == ["p2", "W_p"]
     assert found.targets[-1].near == (0.0, -1.5, 1.5, 0.0, 1.5, 0.0)
-    assert {tool for tool, _ in frames(found).values()} == {"the TCP of line 8"}
-    assert reasons(found)[11] == "line 19 sets one of its numbers anew"
+    assert {tool for tool, _ in frames(found).values()} == {"the TCP of line 4"}
+    assert reasons(found)[5] == "the variable is used by go, in no motion"
+    assert reasons(found)[7] == "line 15 sets one of its numbers anew"
 
 
 def test_external_axes_are_told(tmp_path: Path) -> None:

@@ -66,15 +66,6 @@ class _Use:
 
 
 @dataclass(frozen=True)
-class _Function:
-    """A function of the program: its parameters and its place."""
-
-    parameters: tuple[str, ...]
-    start: int  # of the parameters' bracket
-    end: int
-
-
-@dataclass(frozen=True)
 class _Role:
     """What a literal is in a program."""
 
@@ -97,8 +88,7 @@ class _Program:
         self._by_start = {group.start: group for group in source.groups}
         self._acts = any(self._is_call(word) and word.text not in _PLAIN for word in source.words)
         self._structure = list(self._marks_of_blocks())
-        self._functions = self._read_functions()
-        self._parameters = {name for function in self._functions.values() for name in function.parameters}
+        self._parameters = set(self._read_parameters())
         self._words: dict[str, list[Word]] = {}
         for word in source.words:
             self._words.setdefault(word.text, []).append(word)
@@ -359,63 +349,29 @@ class _Program:
         numbers = self._source.numbers(group.items, _UNITS) if group.bracket == "[" else ""
         return () if isinstance(numbers, str) or len(numbers) != 6 else tuple(number.value for number in numbers)
 
-    def _read_functions(self) -> dict[str, _Function]:
-        """Functions of the program with their parameters and bodies."""
-        found: dict[str, _Function] = {}
-        open_: list[tuple[str, int]] = []
+    def _read_parameters(self) -> Iterable[str]:
+        """Names of the parameters of the program's functions."""
         for mark in self._structure:
-            if mark.kind in ("routine", "if", "loop"):
-                open_.append((mark.name if mark.kind == "routine" else "", mark.place))
-            elif mark.kind == "end" and open_:
-                name, start = open_.pop()
-                call = self._by_start.get(self._source.code.find("(", start)) if name else None
-                if call is not None:
-                    parts = [self._source.code[a:b].partition("=")[0].strip() for a, b in call.items]
-                    found[name] = _Function(tuple(parts), call.start, mark.place)
-        return found
+            call = self._by_start.get(self._source.code.find("(", mark.place)) if mark.kind == "routine" else None
+            for start, end in () if call is None else call.items:
+                yield self._source.code[start:end].partition("=")[0].strip()
 
-    def _owner(self, name: str, place: int) -> _Function | None:
-        """Innermost function around a place that has a parameter of a name."""
-        around = [f for f in self._functions.values() if name in f.parameters and f.start <= place < f.end]
-        return max(around, key=lambda each: each.start, default=None)
-
-    def _uses(self, name: str, owner: _Function | None = None, depth: int = 0) -> list[_Use]:
-        """Uses of a variable, or of the parameter of a function, their own assignments left out.
-
-        Where it is handed to a function of the program, or to another variable, the uses of these count.
-        """
+    def _uses(self, name: str) -> list[_Use]:
+        """Uses of a variable, its own assignments left out; where it is copied to another variable, those of that."""
         own = self._assigned.get(name, [])
-        shadowed = name in self._parameters
-        found: list[_Use] = []
-        for word in self._words.get(name, []):
-            if word.place in own or (shadowed and self._owner(name, word.place) is not owner):
-                continue
-            if owner is not None and word.group is not None and word.group.start == owner.start:
-                continue  # the parameter itself
-            found += self._followed(word, depth)
-        return found
+        return [use for word in self._words.get(name, []) if word.place not in own for use in self._followed(word)]
 
-    def _followed(self, word: Word, depth: int) -> list[_Use]:
+    def _followed(self, word: Word, depth: int = 0) -> list[_Use]:
         source, use = self._source, self._use(word)
-        to: str | None = None
-        owner: _Function | None = None
-        function = self._functions.get(use.function)
-        if use.call is not None and function is not None and not use.is_target:
-            keyword = _ASSIGNED.search(source.before(word.place))
-            k = use.call.index_of(word.place)
-            to = keyword[1] if keyword else function.parameters[k] if k < len(function.parameters) else None
-            owner = function if to in function.parameters else None
-            to = to if owner is not None else None
-        elif word.group is None and not use.changes:
-            line = source.code[source.line_start(word.place) : source.line_end(word.place)]
-            alias = re.fullmatch(
-                rf"\s*(?:global\s+|local\s+)?([A-Za-z_]\w*)\s*=\s*{word.text}\s*(?:\[[^\]]*\])?\s*", line
-            )
-            to = alias[1] if alias and alias[1] != word.text else None
-            owner = self._owner(to, word.place) if to else None
-        if to is None or depth >= _DEEPEST:
+        if word.group is not None or use.changes or depth >= _DEEPEST:
             return [use]
-        return self._uses(to, owner, depth + 1) or [replace(use, is_hint=True)]
+        line = source.code[source.line_start(word.place) : source.line_end(word.place)]
+        alias = re.fullmatch(rf"\s*(?:global\s+|local\s+)?([A-Za-z_]\w*)\s*=\s*{word.text}\s*(?:\[[^\]]*\])?\s*", line)
+        if not alias or alias[1] == word.text:
+            return [use]
+        others = [each for each in self._words.get(alias[1], []) if each.place not in self._assigned.get(alias[1], [])]
+        found = [more for each in others for more in self._followed(each, depth + 1)]
+        return found or [replace(use, is_hint=True)]
 
     def _use(self, word: Word) -> _Use:
         source, group = self._source, word.group
