@@ -299,7 +299,8 @@ def point_groups(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
         match = next((m for form in _MARKER_FORMS if (m := form.fullmatch(base))), None)
         stem = "" if match is None else f"{match['stem']} {match['after']}".strip(" _./-")
         axis = match["axis"].lower() if match is not None else base.lower()
-        if axis in ("x", "y", "z") and not words_of(stem) & {*_NO_MARKER, *_NOMINAL, *_DEVIATIONS}:
+        words = set(re.split(r"[\W_]+", stem.lower()))  # m1 is a marker, m a moment
+        if axis in ("x", "y", "z") and not words & {*_NO_MARKER, *_NOMINAL, *_DEVIATIONS}:
             found.setdefault(stem, {}).setdefault(axis, name)
     return {stem: (axes["x"], axes["y"], axes["z"]) for stem, axes in found.items() if len(axes) == 3}
 

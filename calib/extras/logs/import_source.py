@@ -8,7 +8,7 @@ from pathlib import Path
 from calib.dataset_import.plan import ImportSources
 from calib.dataset_import.user_files import BOTH, JOINTS, POINTS, UNUSED, UserFile
 from calib.errors import CalibError
-from calib.extras.logs.bags import bag_topics, is_bag, kinds_of_topics
+from calib.extras.logs.bags import is_bag, kinds_in_bag
 from calib.extras.logs.recorded_stops import recorded_poses
 from calib.extras.logs.table_logs import describe, is_always_log
 
@@ -21,14 +21,10 @@ def is_recorded(path: Path) -> bool:
 def judged(path: Path) -> UserFile:
     """A bag, or another recording, with what it holds."""
     try:
-        if is_bag(path):
-            joints, points = kinds_of_topics(bag_topics(path))
-            what = "a bag"
-        else:
-            joints, points = describe(path)
-            what = "a recording"
+        joints, points = kinds_in_bag(path) if is_bag(path) else describe(path)
     except CalibError as error:
         return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
+    what = "a bag" if is_bag(path) else "a recording"
     if not joints and not points:
         return UserFile(path, UNUSED, f"{what} without joints and points")
     kind = BOTH if joints and points else JOINTS if joints else POINTS

@@ -28,7 +28,7 @@ from calib.extras.logs.clocks import (
 from calib.extras.logs.means import Means, means_of
 from calib.extras.logs.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows, recording_file
 from calib.extras.logs.standstill import LEAST_S, Phase, Standstill, approach_of, standstill_of, trimmed
-from calib.extras.logs.table_logs import has_time, head_of, is_always_log, is_log, read_table_log
+from calib.extras.logs.table_logs import has_time, is_always_log, is_log, read_table_log
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
@@ -74,7 +74,7 @@ def is_recording(path: Path | None, mapping: Mapping[str, Meaning]) -> bool:
     if not table_file(file)[0].is_file():
         return False
     try:
-        return is_log(file, head_of(file), mapping)
+        return is_log(file, mapping)
     except (DatasetError, OSError):
         return False
 

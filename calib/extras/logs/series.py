@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,8 @@ from calib.errors import DatasetError
 BAGS = (".bag", ".mcap", ".db3")
 PARQUET = ".parquet"
 JSON_LINES = (".jsonl", ".ndjson")
+_OWN_WORDS = ("tcp", "ee", "eef", "end_effector", "endeffector", "cartesian", "flange", "target_pose", "goal",
+              "desired", "command", "cmd", "setpoint", "reference", "tool0", "fk", "odom")  # fmt: skip
 _HELD = 5.0  # times as many rows with one value as are usual
 _FILES = (*BAGS, PARQUET, *JSON_LINES, ".csv", ".tsv", ".txt", ".dat", ".json")
 
@@ -97,6 +100,13 @@ def lost_rows(xyz: Array) -> BoolArray:
     lost = np.repeat(held, lengths)
     lost[starts] = False  # the first was measured
     return np.asarray(lost | (xyz == 0.0).all(axis=1))
+
+
+def is_own_pose(name: str) -> bool:
+    """Whether a topic or column group is named as a pose that the controller computes or is commanded."""
+    words = name.lower().replace("-", "_")
+    parts = set(re.split(r"[/. _]", words))
+    return any(word in parts or ("_" in word and word in words) for word in _OWN_WORDS)
 
 
 class RecordingError(DatasetError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.extras.logs.bag_process import _positions, _series
+from calib.extras.logs.bag_process import positions, series_of
 
 
 class _Message:
@@ -17,7 +17,7 @@ def test_markers_of_a_list_are_named_by_the_identifiers_beside_it() -> None:
     places = [_Message(position=_Message(x=float(k), y=0.0, z=1.0)) for k in range(2)]
     header = _Message(frame_id="camera", stamp=_Message(sec=5, nanosec=0))
     message = _Message(header=header, marker_ids=np.array([12, 7]), poses=places)
-    assert [(label, frame, xyz[0]) for label, frame, _, xyz in _positions(message)] == [
+    assert [(label, frame, xyz[0]) for label, frame, _, xyz in positions(message)] == [
         ("12", "camera", 0.0),
         ("7", "camera", 1.0),
     ]
@@ -30,7 +30,5 @@ def test_a_marker_that_two_cameras_see_is_two_points() -> None:
         header = _Message(frame_id=frame, stamp=stamp)
         return _Message(transforms=[_Message(header=header, child_frame_id="tag", transform=place)])
 
-    found = _series(
-        [("/tf", 5.0, seen("left", 1.0)), ("/tf", 5.1, seen("right", 2.0))], {"/tf": "tf2_msgs/msg/TFMessage"}
-    )
+    found = series_of([("/tf", 5.0, seen("left", 1.0)), ("/tf", 5.1, seen("right", 2.0))])
     assert [each["label"] for each in found["points"]] == ["left/tag", "right/tag"]

@@ -1,0 +1,146 @@
+"""Times of a table's rows, by the names of its columns and by how their numbers go on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.dataset_import.columns import Meaning, words_of
+from calib.extras.logs.series import RecordingError
+from calib.lazy_modules import pd
+from calib.text_files.user_table import plain
+
+_SLOWEST_S = 0.5  # between two rows of a log; a pose a row takes longer, as the arm has to get there
+_TIMES = ("time", "timestamp", "t", "stamp", "times", "zeit", "zeitstempel", "rosbagtimestamp", "headerstamp",
+          "robottime", "elapsedtime", "logtime", "clock", "fieldheaderstamp", "uptime", "temps", "tiempo",
+          "tempo", "duration", "ipoc", "时间", "时间戳")  # fmt: skip
+_UNIT = re.compile(r"(?P<name>.+?)(?:[\s_.]*[\[(]\s*|[\s_.]+)(?P<unit>ns|us|µs|ms|s|sec|seconds|nanosec|min)\s*[\])]?")
+_SCALES = {"ns": 1e-9, "nanosec": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "seconds": 1.0,
+           "min": 60.0}  # fmt: skip
+_EPOCHS = ((1e8, 1e10, 1.0), (1e11, 1e13, 1e-3), (1e14, 1e16, 1e-6), (1e17, 1e19, 1e-9))  # since 1970, by its size
+_NANO = ("nanosec", "nsec", "nsecs")
+_COUNTED = 2000  # whole units of a clock that steps evenly, from which they are milliseconds
+
+
+@dataclass(frozen=True)
+class Log:
+    """A table by its columns."""
+
+    path: Path
+    frame: Any  # pandas.DataFrame
+    rate_hz: float = 0.0  # of the rows, where the file tells it
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(map(str, self.frame.columns))
+
+    def numbers(self, name: str) -> Array:
+        """Numbers (N,) of a column, of dates the seconds since 1970; NaN where a cell holds none."""
+        column = self.frame[name]
+        if pd.api.types.is_datetime64_any_dtype(column):
+            return np.asarray((column - pd.Timestamp(0, tz=column.dt.tz)).dt.total_seconds(), dtype=float)
+        return np.asarray(pd.to_numeric(column, errors="coerce"), dtype=float)
+
+
+def has_fast_rows(log: Log, mapping: Mapping[str, Meaning]) -> bool:
+    """Whether a table has times that come faster than an arm's poses, and that are not mapped to `ignore`."""
+    try:
+        time = time_of(log, mapping)
+    except RecordingError:
+        return False
+    if time is None or any(name in mapping and mapping[name].name == "ignore" for name in time[1]):
+        return False
+    steps = np.diff(time[0][np.isfinite(time[0])])
+    forward = steps[steps > 0.0]
+    return len(forward) > 0 and float(np.median(forward)) <= _SLOWEST_S
+
+
+def seconds_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str, ...], tuple[str, ...]] | None:
+    """Times (N,), s, that go on where the log's begin anew, as each episode's do; their columns, and notes."""
+    time = time_of(log, mapping)
+    if time is None:
+        return None
+    time_s, names = time
+    resets = np.flatnonzero(np.diff(time_s) < -1.0)
+    shift = np.zeros(len(time_s))
+    for k in resets:
+        shift[k + 1 :] += time_s[k] - time_s[k + 1] + 1.0
+    told = f"{log.path}: its time begins anew {len(resets)} times; the parts are read one behind the other"
+    return time_s + shift, names, (told,) if len(resets) else ()
+
+
+def time_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str, ...]] | None:
+    """Times (N,), s, with the columns that hold them; None where there are none. Raises RecordingError."""
+    told = next((name for name in log.columns if name in mapping and mapping[name].name == "time_s"), None)
+    if told is not None:
+        return _in_seconds(log, told, mapping[told].unit or _split(told)[1]), (told,)
+    for name in log.columns:
+        stem = re.fullmatch(r"(|.*[^A-Za-z0-9])secs?", name)
+        beside = next((f"{stem[1]}{end}" for end in _NANO if stem and f"{stem[1]}{end}" in log.columns), None)
+        if beside is not None:
+            return log.numbers(name) + 1e-9 * log.numbers(beside), (name, beside)
+    ranked = sorted((rank, k) for k, name in enumerate(log.columns) if (rank := _rank(log, name)) is not None)
+    if ranked:
+        name = log.columns[ranked[0][1]]
+        base, unit = _split(name)
+        return _in_seconds(log, name, "ms" if plain(base) == "ipoc" else unit), (name,)
+    if not log.rate_hz:
+        return None
+    frame = next((name for name in log.columns if plain(name) == "frame"), None)
+    frames = np.arange(len(log.frame), dtype=float) if frame is None else log.numbers(frame)
+    return frames / log.rate_hz, () if frame is None else (frame,)
+
+
+def _rank(log: Log, name: str) -> int | None:
+    """How unlikely a column is the time of the rows, by its name; None where it is none."""
+    word = plain(_split(name)[0])
+    if word in _TIMES:
+        return _TIMES.index(word)
+    if word.endswith(("headerstamp", "timestamp")):
+        return len(_TIMES)
+    if words_of(name) & {"time", "timestamp", "stamp", "zeit"}:
+        steps = np.diff(log.numbers(name))
+        if len(steps) and (steps >= 0.0).all() and steps.any():  # as a clock goes on
+            return len(_TIMES) + 1
+    return None
+
+
+def _split(name: str) -> tuple[str, str]:
+    """A column's name without its unit of time, and the unit, "" for none."""
+    match = _UNIT.fullmatch(name.strip().lower())
+    return (match["name"], match["unit"]) if match else (name, "")
+
+
+def _in_seconds(log: Log, name: str, unit: str) -> Array:
+    """Times (N,), s, of a column of numbers or dates, its unit by their size where none is given."""
+    values = log.numbers(name)
+    if not np.isfinite(values).any():
+        cells = log.frame[name].astype(str)
+        day_first = bool(re.match(r"\s*\d{1,2}\.\d{1,2}\.\d{4}", cells.iloc[0]))  # 05.03.2024
+        dates = pd.to_datetime(cells, errors="coerce", utc=True, format="mixed", dayfirst=day_first)
+        if dates.isna().all():
+            raise RecordingError(f"{log.path}: column {name}: found {cells.iloc[0][:40]!r}; a time is needed")
+        return Log(log.path, dates.to_frame(name)).numbers(name)
+    if unit:
+        return values * _SCALES[unit]
+    if _counts_milliseconds(values):
+        return values * 1e-3
+    largest = float(np.nanmax(np.abs(values)))
+    return values * next((scale for low, high, scale in _EPOCHS if low < largest < high), 1.0)
+
+
+def _counts_milliseconds(values: Array) -> bool:
+    """Whether a clock without a unit counts milliseconds: it goes on evenly in whole numbers for long."""
+    known = values[np.isfinite(values)]
+    if known.max() >= _EPOCHS[0][0] or len(known) < 2 or known[-1] - known[0] < _COUNTED:
+        return False
+    steps = np.diff(known)
+    usual = float(np.median(steps))
+    return bool((known == np.round(known)).all() and np.mean(steps == usual) > 0.9 and usual >= 1.0)
