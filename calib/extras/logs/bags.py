@@ -49,7 +49,7 @@ def read_bag(path: Path) -> Recording:
         sets[each["topic"]].append((tuple(each["names"]), _rows(each)))
     joints = tuple(_joints(topic, of_topic) for topic, of_topic in sets.items())
     points = tuple(_points(each) for each in answer["points"])
-    read = {each.source for each in (*joints, *points)}
+    read = {each.source for each in joints} | {each.source for each in points}
     others = tuple(
         f"{visible(each['topic'])} ({visible(each['type'])}, {each['count']})"
         for each in answer["topics"]

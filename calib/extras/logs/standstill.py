@@ -46,14 +46,6 @@ class Standstill:
     window_s: float
     brief: int  # spans that were too short
 
-    def starts_s(self, time_s: Array) -> Array:
-        """Times (K,) at which the phases begin."""
-        return time_s[[phase.first for phase in self.phases]]
-
-    def ends_s(self, time_s: Array) -> Array:
-        """Times (K,) at which the phases end."""
-        return time_s[[phase.last for phase in self.phases]]
-
 
 def standstill_of(source: str, time_s: Array, values: Array) -> Standstill:
     """Standing phases of joints by time.

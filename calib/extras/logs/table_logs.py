@@ -363,5 +363,6 @@ def _points(
         unit = units.pop() if len(units) == 1 else ""
         for label in dict.fromkeys(named[known]):
             rows = known & (named == label)
-            out.append(PointSeries(key, str(label), *in_order(time_s[rows], xyz[rows]), unit, is_own_pose(key)))
+            kept_s, kept = in_order(time_s[rows], xyz[rows])
+            out.append(PointSeries(key, str(label), kept_s, kept, unit, is_own_pose(key)))
     return tuple(out)

@@ -32,7 +32,7 @@ def test_every_stop_is_found_and_the_clock_to_a_millisecond(name: str, digits: i
     path_mm = tool_mm(q, (0.0,) * 6)
     possible = possible_offsets(run.joint_s, path_mm, run.point_s, run.xyz_mm)
     assert len(possible) == 1
-    starts, ends = rest.starts_s(run.joint_s), rest.ends_s(run.joint_s)
+    starts, ends = run.joint_s[[(phase.first, phase.last) for phase in rest.phases]].T
     spans = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
     clock = refined(run.joint_s, path_mm, run.point_s, run.xyz_mm, possible[0], spans)
     assert abs(clock.offset_s - run.offset_s) < min(5.0 * clock.sigma_s, 1e-3)
@@ -46,7 +46,7 @@ def test_a_drift_between_the_clocks_shows() -> None:
     rest = standstill_of("run", run.joint_s, run.q)
     path_mm = tool_mm(run.q)
     (rough,) = possible_offsets(run.joint_s, path_mm, point_s, run.xyz_mm)
-    starts, ends = rest.starts_s(run.joint_s), rest.ends_s(run.joint_s)
+    starts, ends = run.joint_s[[(phase.first, phase.last) for phase in rest.phases]].T
     spans = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
     clock = refined(run.joint_s, path_mm, point_s, run.xyz_mm, rough, spans)
     assert clock.drift == pytest.approx(3e-4, rel=0.1)
