@@ -25,6 +25,8 @@ from calib.screening.smooth_motions import JointFault, smooth_motion
 from calib.statistics import axis_sigma, chi2_sf, f_sf
 
 DRAWS = 999
+SETTLING_DRAWS = 15_999  # where the strongest pattern's p-value is near a level, which few draws leave to chance
+_UNSETTLED_P = 0.05  # of 999 draws, up to which more draws may decide otherwise
 STRUCTURE_LEVEL = 0.01
 WEAK_LEVEL = 0.002  # p of the strongest pattern, from which on the residual's size has to speak too
 NOISES_SIZE = 1.1  # residual over noise, up to which it is as large as noise is
@@ -108,6 +110,11 @@ def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws:
     outliers = _outliers(projected, noise)
     lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, projected)
     poses, row = projected.residuals.observed.used_poses
+    inputs = _structure(projected, outliers[row], noise)
+    weak_counts = source == "fit" or residual_mm >= NOISES_SIZE * noise_mm
+    surely_shown = 1.5 / (draws + 1) if weak_counts else 0.0  # above the least p-value: no draw was as large
+    if inputs and surely_shown < inputs[0].p_value < _UNSETTLED_P:
+        inputs = _structure(projected, outliers[row], lambda: _noise(projected, max(draws, SETTLING_DRAWS)))
     fault = smooth_motion(_without(projected, outliers[row]))
     least = FAULT_EVIDENCE_ALONE if source == "fit" else FAULT_EVIDENCE
     return ResidualTests(
@@ -115,7 +122,7 @@ def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws:
         noise_mm=noise_mm,
         noise_from=source,
         residual_mm=residual_mm,
-        inputs=_structure(projected, outliers[row], noise),
+        inputs=inputs,
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
         fault=fault if fault is not None and fault.log_evidence > least else None,
         masses_evidence=0.0 if projected.nuisance is None else projected.nuisance.log_evidence,
@@ -137,13 +144,16 @@ def is_of_noises_size(dataset: Dataset, projected: ProjectedResidual) -> bool:
 def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:
     """Simulated noise (R, D), projected and scaled like the residual of the fit, in blocks of `draws` draws in total.
 
-    The same data give the same noise and so the same verdict.
+    The same data give the same noise and so the same verdict, in whatever order their points are listed.
     """
-    rng = np.random.default_rng(0)
+    rng, points = np.random.default_rng(0), projected.residuals.observed.points
+    listed = np.lexsort((*points.xyz_mm.T, points.target, points.pose))
+    drawn_row = np.empty(len(projected.residual), dtype=np.int64)  # of the noise, for each row of the residual
+    drawn_row.reshape(len(listed), -1)[listed] = np.arange(len(drawn_row)).reshape(len(listed), -1)
     rows, size = len(projected.residual), float(np.linalg.norm(projected.residual))
     block = max(_BLOCK // rows, 1)
     for first in range(0, draws, block):
-        noise = projected.project(rng.standard_normal((rows, min(block, draws - first))))
+        noise = projected.project(rng.standard_normal((rows, min(block, draws - first)))[drawn_row])
         yield noise * (size / np.linalg.norm(noise, axis=0))
 
 
