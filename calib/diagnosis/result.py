@@ -71,6 +71,16 @@ class Diagnosis(Presented, Findings, FittedResult):
         """Probability of each set of causes that remains, "something outside the catalogue" among them."""
         return cause_probabilities(self)
 
+    @property
+    def told_probabilities(self) -> CauseProbabilities | None:
+        """The probabilities, where the data are not wrong themselves; else None."""
+        return self.probabilities if self.data_problem is None else None
+
+    @property
+    def is_unexplained(self) -> bool:
+        """Whether a part of the error has no known cause, whatever its size."""
+        return self.verdict == "unexplained"
+
     @cached_property
     def interventions(self) -> tuple[Intervention, ...]:
         """What poses that were measured again under another condition prove; () where the data are wrong."""

@@ -54,11 +54,13 @@ def _way(told: Headline, view: View) -> str:
     arrow = '<span class="headline-arrow" aria-hidden="true">→</span>'
     stages = arrow.join(_stage(told, stage, view) for stage in told.stages)
     noise = f'<span class="headline-noise">({elements.text(headlines.noise(told))})</span>'
-    of = f'<span class="headline-of" title="{elements.text(headlines.note(told))}">{OFF_BY}</span>'
+    diagnosis = view.session.diagnosis
+    note = elements.text(headlines.note(told, unexplained=diagnosis is not None and diagnosis.is_unexplained))
+    of = f'<span class="headline-of" title="{note}">{OFF_BY}</span>'
     return (
         f'<div class="headline-title">{of}{noise}</div><div class="headline-way">{stages}</div>'
         f"{_budget(view.session.budget)}"
-        f'<div class="headline-note">{elements.text(headlines.note(told))}</div>'
+        f'<div class="headline-note">{note}</div>'
     )
 
 

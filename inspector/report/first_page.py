@@ -25,7 +25,7 @@ def first_page(report: Report, made: str) -> tuple[Block, ...]:
     return (
         KeyFigures(_about(report.dataset, made)),
         _verdict(report, told),
-        headlines.error_headline(told),
+        headlines.error_headline(told, unexplained=diagnosis is not None and diagnosis.is_unexplained),
         *budget_blocks(session.budget),
         _picture(report, told),
         Paragraph("What to do", heading=True),

@@ -156,7 +156,7 @@ def _ranking(report: Report) -> list[Block]:
         caption = f"{best.name}: its coefficients as that ranking estimates them"
         values = [replace(estimated_values(best, report.calibration), caption=caption)]
     untestable = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
-    likely = None if report.diagnosis is None else report.diagnosis.probabilities
+    likely = None if report.diagnosis is None else report.diagnosis.told_probabilities
     return [
         Paragraph(f"{tested} {held_out_sentence(report.ranking)}"),
         ranking(report.ranking, FULL_RANKING, mark=report.calibration.model.family_names, likely=likely),

@@ -98,3 +98,8 @@ def test_what_cannot_be_is_refused_with_its_place(tmp_path: Path, text: str, sai
     with pytest.raises(DatasetError, match=said) as error:
         load_dataset(folder_with(tmp_path, text))
     assert "dataset.toml" in str(error.value)
+
+
+def test_a_key_that_is_not_used_is_told_with_the_one_that_is(tmp_path: Path) -> None:
+    notes = load_dataset(folder_with(tmp_path, "[scanner]\nnoise_mm = 0.02\n")).notes
+    assert any("[scanner] noise_mm is no key" in note and note.endswith("point_sigma_mm") for note in notes)

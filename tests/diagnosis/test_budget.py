@@ -14,6 +14,7 @@ from calib.calibration.noise_level import DECLARED, FIT, NoiseLevel
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.budget import CURVES, LINKS, NOISE, UNKNOWN, ErrorBudget, budget_of_stages, error_budget
 from calib.diagnosis.headline import ErrorStage, Headline, headline_of
+from calib.present.fit.error_headline import error_headline
 from tests.support.golden import SAMPLES
 
 EFFECTS = ("backlash", "joint_compliance", "tool_sag", "joint_dent", "link_bending")
@@ -115,3 +116,12 @@ def test_learned_curves_are_divided_between_their_joints() -> None:
     joints = [int(one.cause.removeprefix(CURVES)) for one in diagnosis.budget.shares if one.cause.startswith(CURVES)]
     assert set(joints) <= set(diagnosis.learned.joints)
     assert len(joints) > 1
+
+
+def test_what_is_as_small_as_noise_and_yet_unexplained_is_not_called_noise() -> None:
+    small = headline(1.0, 0.05)
+    assert small.reached_noise
+    assert "no more than noise" in error_headline(small).note
+    told = error_headline(small, unexplained=True)
+    assert "the verdict says why not all of it is" in told.note
+    assert not told.good

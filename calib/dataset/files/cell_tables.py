@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from calib.dataset.dataset import Box, Scanner, SignalNoise, Surroundings
@@ -18,6 +21,7 @@ _MOST_BOXES = 1000
 _LONGEST_EDGE_MM = 1e4
 _MOST_UNLIKE_EDGES = 10.0
 MOUNTS = ("room", "flange")
+_SAYS_NOISE = re.compile("noise|sigma|std|accuracy|uncertainty", re.IGNORECASE)
 
 
 _KINDS = ("scanner", "camera")  # of the instrument
@@ -65,6 +69,16 @@ def load_scanner(table: TomlTable) -> Scanner:
         is_camera=table.text("kind", _KINDS[0], choices=_KINDS) == _KINDS[1],
         sigmas_estimated=table.text("sigmas", _SIGMAS[0], choices=_SIGMAS) == _SIGMAS[1],
         extra=table.unread(),
+    )
+
+
+def unused_keys(path: Path, tables: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """Notes on keys of tables of dataset.toml that are kept and not used: a name that was meant otherwise, perhaps."""
+    return tuple(
+        f"{path}: [{table}] {key} is no key of the format and is not used"
+        + (f"; the noise of a point is [{table}] point_sigma_mm" if _SAYS_NOISE.search(key) else "")
+        for table, keys in tables.items()
+        for key in keys
     )
 
 

@@ -26,6 +26,7 @@ from calib.dataset.files.cell_tables import (
     scanner_document,
     signal_noise_document,
     surroundings_document,
+    unused_keys,
 )
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import load_units
@@ -168,7 +169,7 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
         scanner=scanner,
         jig=jig,
         warnings=tuple(warnings),
-        notes=(*_own_notes(top), *notes),
+        notes=(*_own_notes(top), *notes, *unused_keys(top.file, {"scanner": scanner.extra, "jig": jig_extra})),
         extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
         jig_is_declared="jig" in top.data and not other,
         about=about,

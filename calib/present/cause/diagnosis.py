@@ -104,7 +104,7 @@ _REFUSALS = {
 }
 _NOISE_SOURCES = {
     "repeats": "by repeated measurements",
-    "dataset": "as dataset.toml declares it, taken as accurate to 25 %",
+    "dataset": "as declared for the points, taken as accurate to 25 %",
     "fit": "as the fit estimates it: none is declared",
 }
 
@@ -158,7 +158,11 @@ def learned_section(calibration: Calibration) -> list[Section]:
 def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
     """Blocks with the error at each stage, its division between the causes, and the verdict."""
     way = headline_of([step.calibration for step in diagnosis.steps])
-    return [error_headline(way), *budget_blocks(diagnosis.budget), verdict_block(diagnosis)]
+    return [
+        error_headline(way, unexplained=diagnosis.is_unexplained),
+        *budget_blocks(diagnosis.budget),
+        verdict_block(diagnosis),
+    ]
 
 
 def verdict_block(diagnosis: Diagnosis) -> Verdict:
@@ -181,7 +185,7 @@ def steps(diagnosis: Diagnosis) -> Table:
 def ranked_effects(diagnosis: Diagnosis) -> list[Block]:
     """Blocks on the evidence of each candidate effect at the first decision, and on untestable effects."""
     return [
-        ranking(diagnosis.screenings[0], most=RANKED, likely=diagnosis.probabilities),
+        ranking(diagnosis.screenings[0], most=RANKED, likely=diagnosis.told_probabilities),
         *untestable_blocks(diagnosis.untestable),
     ]
 
@@ -227,8 +231,8 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
         words.append(noise_sentences(diagnosis))
     if diagnosis.learned is not None:
         words.append(_learned(diagnosis.learned))
-    if diagnosis.data_problem is None:
-        words.append(probability_sentence(diagnosis.probabilities))
+    if likely := diagnosis.told_probabilities:
+        words.append(probability_sentence(likely))
     return [Paragraph(sentence) for sentence in words]
 
 
@@ -474,6 +478,7 @@ def _document(diagnosis: Diagnosis) -> dict[str, Any]:
 def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[str, Any]:
     """Document that `diagnose --json` prints, with the next poses to measure where they were chosen already."""
     last, held_out, refused = diagnosis.calibration, diagnosis.held_out, diagnosis.refused
+    likely = diagnosis.told_probabilities
     return to_dict({
         "dataset": last.dataset.name,
         "stands": stands_document(last),
@@ -492,8 +497,8 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "promise": held_out and {**document(held_out), "kept": not held_out.is_broken},
         **budget_document(diagnosis.budget),
         **proven_document(diagnosis),
-        **probability_document(diagnosis.probabilities),
-        "candidates": [to_dict(c) | {"probability": diagnosis.probabilities.of(c.name)} for c in diagnosis.candidates],
+        **probability_document(likely),
+        "candidates": [to_dict(c) | {"probability": likely and likely.of(c.name)} for c in diagnosis.candidates],
         "untestable": [{"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable],
         "leftover": diagnosis.residual_tests,
         "simpler": None,  # was a dent or a slip, which are effects now

@@ -30,6 +30,10 @@ def _named(one: CauseSet) -> Words:
     return listed([OUTSIDE if cause == UNKNOWN else effect(cause) for cause in one.causes])
 
 
-def probability_document(found: CauseProbabilities) -> dict[str, Any]:
-    """JSON keys: sets of causes with probabilities, which sum to 1; an empty set means that nothing is missing."""
-    return {"probabilities": [{"causes": list(one.causes), "p": one.p} for one in found.sets]}
+def probability_document(found: CauseProbabilities | None) -> dict[str, Any]:
+    """JSON keys: sets of causes with probabilities, which sum to 1; an empty set means that nothing is missing.
+
+    None where the data are wrong, of which no cause is told.
+    """
+    sets = () if found is None else found.sets
+    return {"probabilities": [{"causes": list(one.causes), "p": one.p} for one in sets]}

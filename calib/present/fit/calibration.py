@@ -295,7 +295,7 @@ def worsening_sentence(calibration: Calibration) -> str:
         return ""
     return (
         f"the fit is worse than robot.toml on the {names.role(worse.role)} poses: RMSE from "
-        f"{numbers.column_mm(worse.before_mm)} to {numbers.column_mm(worse.after_mm)} mm; do not put it on the robot, "
+        f"{numbers.column_mm(worse.before_mm)} to {numbers.column_mm(worse.after_mm)} mm; do not use it, "
         "find out why first (too few or too similar poses for what is fitted, another residual, no prior)"
     )
 

@@ -14,10 +14,14 @@ _MICROMETRES_BELOW_MM = 0.1
 _FIGURES = (("mean", "mean_mm"), ("RMS", "rmse_mm"), ("maximum", "max_mm"))
 
 
-def error_headline(headline: Headline) -> blocks.Headline:
-    """Headline block with the errors of all stages, the noise, and the note."""
+def error_headline(headline: Headline, *, unexplained: bool = False) -> blocks.Headline:
+    """Headline block with the errors of all stages, the noise, and the note.
+
+    unexplained: whether a diagnosis found that not all of what is left is noise, whatever its size.
+    """
     stages = [(stage_error(headline, stage), stage.name) for stage in headline.stages]
-    return blocks.Headline(stages, noise(headline), note(headline), headline.reached_noise)
+    told = note(headline, unexplained=unexplained)
+    return blocks.Headline(stages, noise(headline), told, headline.reached_noise and not unexplained)
 
 
 def unit(headline: Headline) -> str:
@@ -45,7 +49,7 @@ def noise(headline: Headline) -> str:
     return f"{headline.noise.name} {length(headline, headline.noise_mm)}: not declared"
 
 
-def note(headline: Headline) -> str:
+def note(headline: Headline, *, unexplained: bool = False) -> str:
     """Sentence or two on the poses to which a headline's errors refer, and on whether noise alone is left."""
     error = "3D error" if headline.noise.coordinates == len("xyz") else "Error of the measured lengths"
     of = (
@@ -59,7 +63,7 @@ def note(headline: Headline) -> str:
             "is no error of the arm and counts in none of these figures."
         )
     if headline.stages[-1].error_mm > headline.stages[0].error_mm:
-        of += " It rose: the fit is worse than robot.toml as it was, so do not put it on the robot."
+        of += " It rose: the fit is worse than robot.toml as it was, so do not use it."
     ratio = headline.noise_ratio
     if ratio is None or headline.noise_mm is None:
         return f"{of} The dataset declares no noise to compare it with."
@@ -68,6 +72,8 @@ def note(headline: Headline) -> str:
             f"{of} The dataset declares no noise; the error is {numbers.times(ratio)} what the {headline.noise.name} "
             f"would leave, {length(headline, headline.noise_mm)}, and that holds what is missing from the model, too."
         )
+    if headline.reached_noise and unexplained:
+        return f"{of} By its size what is left could be noise; the verdict says why not all of it is."
     if headline.reached_noise:
         return f"{of} What is left is no more than noise."
     return f"{of} What is left is {numbers.times(ratio)} what noise alone would leave."

@@ -114,7 +114,7 @@ def ranking_html(session: Session, chosen: str) -> str:
     if screening is None:
         return ""
     own = {family.name for family in session.user_effects}
-    likely = None if session.diagnosis is None else session.diagnosis.probabilities
+    likely = None if session.diagnosis is None else session.diagnosis.told_probabilities
     blocks = ranking_to_choose_from(
         screening, passed_over=session.left_to_curves, chosen=(chosen,), own=own, likely=likely
     )
