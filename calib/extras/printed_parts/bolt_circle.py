@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.array_types import Array
-from calib.extras.printed_parts.part import HOLE_SIDES, WALL_MM, PartError
-from calib.extras.printed_parts.solid import circle
+from calib.extras.printed_parts.part import WALL_MM, PartError
+from calib.extras.printed_parts.solid import Mesh, hull, ring_around
 
 _THREADS = {  # of M: clearance hole, diameter and height of the head, mm
     3: (3.4, 5.5, 3.0),
@@ -70,14 +69,12 @@ class BoltCircle:
         """Radius of what may stand on the plate between the bolts' heads."""
         return self.diameter_mm / 2 - self.head_mm / 2 - HEAD_CLEARANCE_MM
 
-    def centres_mm(self) -> Array:
-        """Places (count, 2) of the bolts in the flange's plane."""
+    def holes(self, depth_mm: float) -> list[Mesh]:
+        """What the bolts' holes cut out of a plate from the flange's plane to a height."""
         angles = 2 * np.pi * (np.arange(self.count) + 0.5) / self.count
-        return self.diameter_mm / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
-
-    def holes(self) -> list[Array]:
-        """Outlines (N, 2) of the holes, counter-clockwise; the bolts' circles touch their sides."""
-        return [circle(self.hole_mm / 2, HOLE_SIDES, (x, y), around=True) for x, y in self.centres_mm()]
+        centres = self.diameter_mm / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
+        heights = (-1.0, depth_mm + 1.0)
+        return [hull(*(ring_around(self.hole_mm / 2, z_mm, centre) for z_mm in heights)) for centre in centres]
 
 
 def bolt_circle(designation: str) -> BoltCircle:

@@ -11,10 +11,6 @@ from calib.extras.printed_parts.solid import Mesh
 
 WALL_MM = 1.6
 """Least wall between a hole and whatever is beside it: four lines of a common 0.4 mm nozzle."""
-SIDES = 96
-"""Sides of a polygon that stands for a circle: a chord of a 60 mm circle is 0.02 mm off."""
-HOLE_SIDES = 48
-"""Sides of the polygon of a hole or socket."""
 _LARGEST_MM = 1000.0
 
 

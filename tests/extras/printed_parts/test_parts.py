@@ -31,11 +31,9 @@ def as_mesh(part: PrintedPart) -> trimesh.Trimesh:
     ("part", "holes", "size_mm", "volume_mm3"),
     [
         (SocketPlate(), 4, (128.0, 78.0, 10.0), 97796.8936),
-        (SocketPlate(columns=3, rows=2, pitch_mm=60.0, shape="faces"), 4, (208.0, 148.0, 10.0), 301509.3925),
-        (SocketPlate(columns=1, rows=4, mount_hole_mm=0.0), 0, (78.0, 228.0, 10.0), 175664.4787),
-        (CornerJig(), 4, (84.852814, 82.189795, 113.130811), 166369.6302),
-        (CornerJig(edge_mm=40.0, bolts="31.5-4-M5"), 4, (56.568542, 55.859863, 93.753874), 53692.1683),
-        (CornerJig(bolts="ISO 9409-1-80-6-M8"), 6, (99.4, 99.4, 99.630811), 276969.7243),
+        (CornerJig(), 4, (84.852814, 82.189795, 113.130811), 172100.7549),
+        (CornerJig(edge_mm=40.0, bolts="31.5-4-M5"), 4, (56.568542, 55.859863, 93.753874), 55227.0683),
+        (CornerJig(bolts="ISO 9409-1-80-6-M8"), 6, (99.4, 99.4, 99.630811), 282493.6942),
         (BallStem(), 4, (66.4, 66.4, 73.928932), 68455.2833),
         (BallStem(ball_mm=12.7, bolts="31.5-4-M5"), 4, (46.4, 46.4, 76.509872), 28444.4249),
     ],
@@ -43,7 +41,7 @@ def as_mesh(part: PrintedPart) -> trimesh.Trimesh:
 def test_a_part_is_closed_has_its_holes_and_the_size_that_other_code_gave_it(
     part: SocketPlate | CornerJig | BallStem, holes: int, size_mm: tuple[float, ...], volume_mm3: float
 ) -> None:
-    """Sizes and volumes are those of the triangles that were made without a library before."""
+    """Sizes, and volumes but for the widening neck of a corner, are those of triangles that no library made."""
     mesh = as_mesh(part.part())
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
@@ -53,21 +51,20 @@ def test_a_part_is_closed_has_its_holes_and_the_size_that_other_code_gave_it(
     assert mesh.volume == pytest.approx(volume_mm3, rel=1e-5)
 
 
-def test_a_plate_without_holes_has_the_volume_of_a_block_less_its_sockets() -> None:
-    plate = SocketPlate(columns=2, rows=2, pitch_mm=60.0, mount_hole_mm=0.0)
+def test_a_plate_has_the_volume_of_a_block_less_its_sockets_and_holes() -> None:
+    plate = SocketPlate(columns=2, rows=2, pitch_mm=60.0)
     part = plate.part()
     x, y, z = part.solid.extents
-    tip_mm = plate.rim_mm / np.tan(np.radians(plate.cone_deg / 2))
-    above_tip_mm = tip_mm - plate.socket_depth_mm
-    cone = np.pi / 3 * plate.rim_mm**2 * tip_mm * (1.0 - (above_tip_mm / tip_mm) ** 3)
+    cone = np.pi / 3 * (plate.rim_mm**3 - (plate.rim_mm - plate.socket_depth_mm) ** 3)
     mark = np.pi / 3 * 1.0 * (2.0**2 + 1.0**2 + 2.0)
-    assert part.solid.volume == pytest.approx(x * y * z - 4 * cone - mark, rel=1e-4)
+    holes = 4 * np.pi * 2.75**2 * z
+    assert part.solid.volume == pytest.approx(x * y * z - 4 * cone - mark - holes, rel=1e-4)
 
 
 @settings(max_examples=12, deadline=None)
-@given(ball_mm=st.floats(8.0, 40.0), cone_deg=st.floats(70.0, 110.0), shape=st.sampled_from(["cone", "faces"]))
-def test_a_ball_rests_where_the_table_says(ball_mm: float, cone_deg: float, shape: str) -> None:
-    plate = SocketPlate(columns=2, pitch_mm=120.0, ball_mm=ball_mm, cone_deg=cone_deg, shape=shape)
+@given(ball_mm=st.floats(8.0, 40.0))
+def test_a_ball_rests_where_the_table_says(ball_mm: float) -> None:
+    plate = SocketPlate(columns=2, pitch_mm=120.0, ball_mm=ball_mm)
     mesh = as_mesh(plate.part())
     for centre in plate.centres():
         at_mm = np.tile(centre.xyz_mm, (len(mesh.faces), 1))
@@ -94,7 +91,7 @@ def test_the_corner_has_three_square_faces_that_meet_at_its_apex() -> None:
     [
         (lambda: SocketPlate(pitch_mm=10.0), "overlap; take"),
         (lambda: SocketPlate(ball_mm=float("nan")), "ball: found nan"),
-        (lambda: CornerJig(edge_mm=200.0, standoff_mm=0.0), "meet the faces"),
+        (lambda: CornerJig(edge_mm=500.0), "10 to 300 mm"),
         (lambda: CornerJig(bolts="50-4"), "expected DIAMETER-COUNT-THREAD"),
         (lambda: bolt_circle("50-12-M8"), "take fewer bolts"),
         (lambda: BallStem(length_mm=10.0), "too short"),
