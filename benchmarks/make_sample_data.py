@@ -18,18 +18,29 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from calib.array_types import Array
 from calib.dataset.dataset import Poses
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.errors import CalibError
 from calib.frames import apply
 from calib.kinematics.chain import nominal_chain
+from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from calib.simulation.measured_dataset import Simulation, measure, write_simulation
-from calib.simulation.pose_design import draw_scanner_pose, reach_apexes, scan_poses, spread_poses
+from calib.simulation.pose_design import (
+    MAX_TILT_DEG,
+    draw_scanner_pose,
+    scan_poses,
+    spread_poses,
+    usable_poses,
+)
 from calib.simulation.scanner import STRUCTURED_LIGHT
+from calib.simulation.scene import CUBE_CORNER
 from calib.simulation.simulate import rounded, simulate_dataset
 from calib.simulation.truth.arm_sampling import draw_truth
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 from calib.simulation.truth.load_effects import JointCompliance
+from calib.workcell.scan_field import tilted
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -85,6 +96,23 @@ def rb5_jang(robot: Robot) -> Simulation:
         description="Simulated RB5-850 after Jang 2025: 64 scans of the jig, 50 poses to train on and 13 to test",
         scan_model=SCANS,
     )
+
+
+def reach_apexes(robot: Robot, base_T_scanner: Array, apex_mm: Array, *, rng: np.random.Generator) -> Array:
+    """Joint vectors (K, n) that bring the jig's apex to places (K, 3), scanner frame, as `scan_poses` holds it."""
+    poses = []
+    for goal_mm in apex_mm:
+        for _ in range(12):
+            apexes = np.tile(goal_mm, (256, 1))
+            axis = tilted(apexes / np.linalg.norm(apexes, axis=1, keepdims=True), MAX_TILT_DEG, rng)
+            start = random_poses(robot, 256, rng=rng)
+            q = usable_poses(robot, base_T_scanner, apexes, axis, start, CUBE_CORNER)
+            if len(q):
+                poses.append(q[0])
+                break
+        else:
+            raise CalibError(f"robot {robot.name}: cannot hold the jig at {goal_mm} mm of the scanner")
+    return np.array(poses)
 
 
 def rb5_repeats(robot: Robot, truth: Truth) -> Simulation:

@@ -24,7 +24,7 @@ from calib.dataset.dataset import Surroundings
 from calib.workcell.candidates import candidate_poses, likely_poses
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.measurable import BOX, BOX_HIDES, FLOOR, HIDDEN, SELF, measurable
-from calib.workcell.order import order_poses, path_length
+from calib.workcell.order import order_poses, way_lengths
 from tests.support.checked_cells import ARMS, BOXES, in_mujoco, is_fine, looking_from
 
 IN_THE_WAY = (SELF, HIDDEN, BOX, BOX_HIDES, FLOOR)
@@ -57,7 +57,8 @@ def main() -> None:
             for row in np.flatnonzero(np.isin(judged.reason, IN_THE_WAY))[:40]:
                 refused += 1
                 strict += is_fine(there, pairs, likely[row], eye_mm)
-        before, after = path_length(robot, some), path_length(robot, some[order_poses(cell, some)])
+        ways = [way_lengths(robot, q[:-1], q[1:]).trace() for q in (some, some[order_poses(cell, some)])]
+        before, after = map(float, ways)
         print(
             f"{name:<8} {seconds:7.2f} s  {before:14.0f} rad {after:4.0f} rad {called:10d} {hidden:7d} "
             f"{refused:9d} {100 * strict / max(refused, 1):9.1f} %"

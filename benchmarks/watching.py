@@ -14,7 +14,7 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -33,12 +33,13 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue.order_steps import Step
 from calib.extras.watch.change_models import SCANNER
 from calib.extras.watch.plugin import CHECK_POSES
-from calib.extras.watch.promised_sizes import PromisedSize, promised_sizes
 from calib.extras.watch.series import watch_series
 from calib.extras.watch.watch import ChangeReport, watch
-from calib.extras.watch.watch_criterion import check_poses, usual_changes
+from calib.extras.watch.watch_criterion import ForWatch, check_poses, usual_changes
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
+from calib.planning.plan import plan_poses
+from calib.planning.start import FromFit
 from calib.planning.unknowns import unknowns_of_fit
 from calib.simulation.simulate import rounded
 from tests.support.checked_cell import TOLERANCES, Cell
@@ -232,56 +233,35 @@ def run(
 
 
 def promises_held(name: str, arms: int, each: int) -> Counter:
-    """Counts by class, verdict and whether it held: changes of the sizes that a plan promises, measured by MuJoCo."""
+    """Counts by change and whether it was found: changes of the sizes that a plan promises, measured by MuJoCo."""
     robot, counts = ROBOTS[name](), Counter()
-    sizes: dict[tuple[str, str], list[float]] = {}
+    sizes: dict[str, list[float]] = {}
     for seed in range(arms):
         rng = np.random.default_rng([seed, *name.encode(), 7])
         cell = Cell.drawn(rng, robot)
         base = calibrate(cell.measured(rng, 64, "base"))
-        q = planned_checks(cell, base, rng)
-        for promise in promised_checks(base, q):
-            what, joint = promise.model.what, promise.model.joint
-            change = Change("", what, joint, lambda c, rng: c)
-            label = f"zero of joint {joint}" if joint else what
-            for verdict, size in (("found", promise.found), ("named", promise.named), ("alone", promise.alone)):
-                if size is None or (promise.found or 0.0) > SENSIBLE[promise.model.unit]:
-                    counts[label, verdict, "never"] += 1
-                    continue
-                sizes.setdefault((label, verdict), []).append(size)
-                for _ in range(each):
-                    if joint:
-                        after = cell.with_changes({f"theta{joint}": rng.choice([-1.0, 1.0]) * size})
-                    else:
-                        after = cell.with_tool_shifted(size * unit(rng.normal(size=3)))
-                    seen = watch(base, after.measured(rng, q=q))
-                    held = {
-                        "found": seen.verdict != "unchanged",
-                        "named": named(seen, change),
-                        "alone": named(seen, change) and not seen.changes[0].as_well,
-                    }[verdict]
-                    counts[label, verdict, "held" if held else "broken"] += 1
-    print(f"{name}: promised 19 of 20; held, at the median promised size; never promised of {arms} arms")
-    for label in dict.fromkeys(label for label, _, _ in counts):
-        cells = []
-        for verdict in ("found", "named", "alone"):
-            held, broken, never = (counts[label, verdict, word] for word in ("held", "broken", "never"))
-            size = np.median(sizes.get((label, verdict), [np.nan]))
-            told = f"{np.degrees(size):.4f} deg" if label != "tool" else f"{size:.3f} mm"
-            cells.append(f"{held:4d} of {held + broken:4d} at {told:>10}, {never:2d} never")
-        print(f"  {label:16} found {cells[0]}   named {cells[1]}   alone {cells[2]}", flush=True)
+        offered = conditions_at(base.dataset.poses, planned_checks(cell, base, rng))
+        plan = plan_poses(FromFit(base), CHECK_POSES, criterion=ForWatch(), candidates=offered)
+        for promise in plan.outcome.changes:
+            label = f"zero of joint {promise.joint}" if promise.joint else promise.what
+            if promise.size is None:
+                counts[label, "never"] += 1
+                continue
+            sizes.setdefault(label, []).append(promise.size)
+            for _ in range(each):
+                if promise.joint:
+                    after = cell.with_changes({promise.parameter: rng.choice([-1.0, 1.0]) * promise.size})
+                else:
+                    after = cell.with_tool_shifted(promise.size * unit(rng.normal(size=3)))
+                seen = watch(base, after.measured(rng, q=plan.poses.q))
+                counts[label, "held" if seen.verdict != "unchanged" else "broken"] += 1
+    print(f"{name}: promised 19 of 20; found, at the median promised size; never promised of {arms} arms")
+    for label in dict.fromkeys(label for label, _ in counts):
+        held, broken, never = (counts[label, word] for word in ("held", "broken", "never"))
+        size = np.median(sizes.get(label, [np.nan]))
+        told = f"{np.degrees(size):.4f} deg" if label != "tool" else f"{size:.3f} mm"
+        print(f"  {label:16} {held:4d} of {held + broken:4d} at {told:>10}, {never:2d} never", flush=True)
     return counts
-
-
-SENSIBLE = {"rad": np.radians(5.0), "mm": 20.0}  # sizes found above these are no promise
-
-
-def promised_checks(base: Calibration, q: Array) -> Sequence[PromisedSize]:
-    """Promise of `plan --for watch` for check poses q (N, n)."""
-    poses, unknowns = conditions_at(base.dataset.poses, q), unknowns_of_fit(base)
-    check = replace(base.dataset, poses=poses, points=unknowns.points(poses))
-    usual = usual_changes(unknowns, poses, unknowns.rows(poses))
-    return promised_sizes(base, check, [change.model.key for change in usual])
 
 
 def recorded(folders: Sequence[Path], diagnosed: bool, draws: int, *, by_time: bool, tell: bool) -> None:
@@ -343,9 +323,9 @@ DAYS = 18
 
 
 def over_days(name: str, arms: int) -> None:
-    """Print how often a series of daily checks alarms, names what changes, and from which day on."""
+    """Print how often a series of daily checks alarms and names what changes."""
     for what, course in DRIFTS.items():
-        alarms, named, first_alarm, first_name, inside, wrong = 0, 0, [], [], 0, 0
+        alarms, named, inside, wrong = 0, 0, 0, 0
         for seed in range(arms):
             rng = np.random.default_rng([seed, len(name)])
             cell = Cell.drawn(rng, ROBOTS[name]())
@@ -355,20 +335,14 @@ def over_days(name: str, arms: int) -> None:
             found = watch_series(base, checks)
             alarms += not found.is_steady
             joint = int(what.split()[1]) if what.startswith("joint") else None
-            if found.alarmed is not None:
-                first_alarm.append(found.alarmed + 1)
             if found.change is not None:
                 right = found.change.joint == joint if joint else found.change.what == SCANNER
                 named += right and not found.change.as_well
                 wrong += not right and not (joint and f"joint_zero {joint}" in found.change.as_well)
-                if right and found.named is not None:
-                    first_name.append(found.named + 1)
                 truth = np.radians(1e-3) if "drifts" in what else np.radians(0.01) if "slips" in what else 0.01  # mm
                 inside += right and abs(found.change.size - truth) < 1.96 * found.change.sigma
-        days = f"alarm from day {np.median(first_alarm):.0f}" if first_alarm else "no alarm"
-        days += f", named from day {np.median(first_name):.0f} on (medians)" if first_name else ""
         print(
-            f"{name}, {what}: {alarms} of {arms} told, {named} by its name alone, {wrong} by another name; {days}; "
+            f"{name}, {what}: {alarms} of {arms} told, {named} by its name alone, {wrong} by another name; "
             f"{inside} within 1.96 sigma"
         )
 
@@ -394,9 +368,8 @@ def main() -> None:
     args = parser.parse_args()
     if args.promised:
         counts = sum((promises_held(name, args.arms, args.each) for name in args.robot or ROBOTS), Counter())
-        for verdict in ("found", "named", "alone"):
-            held, broken = (sum(n for k, n in counts.items() if k[1:] == (verdict, w)) for w in ("held", "broken"))
-            print(f"all: {verdict} {held} of {held + broken}")
+        held, broken = (sum(n for k, n in counts.items() if k[1] == word) for word in ("held", "broken"))
+        print(f"all: found {held} of {held + broken}")
         return
     if args.series:
         for name in args.robot or ROBOTS:

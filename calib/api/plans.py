@@ -28,6 +28,7 @@ from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
 from calib.progress import OnStep
 from calib.robot_formats.robots import load_robot
+from calib.screening.blunders import without_blunders
 from calib.workcell.known_cell import workcell_of_robot
 
 
@@ -97,7 +98,7 @@ def plan(
         if robot is not None:
             start, usual = robot, FIRST_SET
         elif isinstance(known, FittedResult):
-            start = FromFit(known.calibration, scanner)
+            start = FromFit(without_blunders(known.calibration), scanner)
         else:
             assert isinstance(known, Dataset)
             members = effects_named(known, effects, user_effects)

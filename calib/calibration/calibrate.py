@@ -325,3 +325,11 @@ def _with_load_uncertainty(kind: str, model: Model, fit: Fit, observed: Observat
         moved = gain @ (changed - at.residual)
         covariance += np.outer(moved, moved)
     return replace(fit, covariance=covariance)
+
+
+def fit_again(calibration: Calibration, dataset: Dataset, options: FitOptions) -> Calibration:
+    """A calibration's model fitted again to other measurements of the arm, or with other options. Raises FitError."""
+    model = calibration.model
+    return fit_measured(
+        dataset, options, effects=model.added_effects, prior_sigmas=model.prior_sigmas, start=calibration
+    )

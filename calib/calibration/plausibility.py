@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.calibration.calibrate import fit_measured
+from calib.calibration.calibrate import fit_again
 from calib.calibration.result import Calibration
 from calib.effects.effect import exceeded_bound, full_name
 from calib.errors import FitError
@@ -117,17 +117,11 @@ def _span_mm(calibration: Calibration) -> float:
 
 def fit_without_outliers(calibration: Calibration) -> Calibration | None:
     """Robust fit to the data of a plain fit; None where no pose is outlying or the fit was robust already."""
-    options, model = calibration.options, calibration.model
+    options = calibration.options
     if options.robust or calibration.residual == "distance":
         return None
     try:
-        robust = fit_measured(
-            calibration.dataset,
-            replace(options, robust=True),
-            effects=model.added_effects,
-            prior_sigmas=model.prior_sigmas,
-            start=calibration,
-        )
+        robust = fit_again(calibration, calibration.dataset, replace(options, robust=True))
     except FitError:
         return None
     return robust if robust.outliers else None

@@ -222,12 +222,6 @@ class Calibration(FittedResult, Presented):
         """Range of each joint over the fitted poses."""
         return TrainedRange.of(self.dataset, self.outliers)
 
-    @cached_property
-    def trained_setups(self) -> frozenset[str]:
-        """Placements of the measuring device with fitted points, which alone have a frame that follows the fit."""
-        observed = Observations.of(self.fitted_dataset)
-        return frozenset(map(str, observed.setup))
-
     @property
     def outside(self) -> tuple[str, ...]:
         """Names of the measured poses whose joints leave the trained ranges."""

@@ -15,8 +15,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from calib.blas_threads import one_blas_thread
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
@@ -44,13 +42,13 @@ from calib.diagnosis.moves import (
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit
 from calib.progress import OnStep
+from calib.screening.blunders import blunders_of
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.noise_search import noise_of_repeats, noise_of_residual
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, is_too_large
 
 MAX_SIGMAS_SHAPED = 2.0  # residual over noise, up to which its shape may explain it
-MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called outliers
 
 
 @one_blas_thread()
@@ -169,10 +167,8 @@ def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move 
     shaped = _with_noise_as_shown(space, diagnosis, tell)
     if shaped is not None:
         return ShapeNoise(shaped)
-    left_out = diagnosis.calibration.outliers
-    outliers = tuple(pose for pose in diagnosis.residual_tests.outlier_poses if pose not in left_out)
-    few = len(outliers) <= max(2, MAX_OUTLIER_SHARE * _measured_poses(diagnosis.calibration))
-    if outliers and few and not last.left_out:
+    outliers = blunders_of(diagnosis.calibration, diagnosis.residual_tests)
+    if outliers and not last.left_out:
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
         tell("once more without the poses that stand out")
         rival = diagnosis.noise.rival if diagnosis.noise is not None else ""
@@ -251,13 +247,6 @@ def noise_is_believed(before: Diagnosis, again: Diagnosis) -> bool:
     if before.verdict == "unexplained" and again.residual_tests.lack_of_fit_p is None:
         return False
     return again.is_clean and set(before.missing) <= {*again.missing, *again.ambiguous_set}
-
-
-def _measured_poses(calibration: Calibration) -> int:
-    """Number of poses with points; repeats of one pose count once."""
-    points = calibration.fitted_dataset.points
-    assert points is not None
-    return len(np.unique(points.pose))
 
 
 def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:

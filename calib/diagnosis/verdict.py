@@ -257,8 +257,8 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
     if findings.undecided is not None:
         return "ambiguous"
     only_refused = refused is not None and refused.leaves_doubt and not findings.named
-    not_noise = tests.fault is not None or tests.structured or tests.too_large
-    if findings.implausible or only_refused or findings.left_to_curves or findings.promise_is_broken or not_noise:
+    doubted = findings.implausible or only_refused or findings.left_to_curves or findings.promise_is_broken
+    if doubted or not tests.is_noise:
         return "unexplained"
     if findings.confounded_sets:
         return "ambiguous"

@@ -31,6 +31,7 @@ from calib.planning.unknowns import (
     unknowns_of_fit,
     unknowns_of_robot,
 )
+from calib.screening.blunders import without_blunders
 from calib.workcell.known_cell import workcell_of_dataset
 from calib.workcell.workcell import Workcell
 
@@ -212,6 +213,8 @@ def start_of_dataset(
 ) -> FromFit:
     """Start from the fit of a dataset, or from its diagnosis where the residual is above the declared noise.
 
+    Poses that stand out are left out, as a diagnosis does.
+
     Args:
         dataset: measured poses with their points.
         options: options of the fit.
@@ -225,7 +228,7 @@ def start_of_dataset(
     require_points(dataset)
     if base_T_scanner is not None:
         require_scanner_in_room(dataset)
-    calibration = fit_measured(dataset, options, effects=effects)
+    calibration = without_blunders(fit_measured(dataset, options, effects=effects))
     check = check_sigma(calibration)
     if effects or check.verdict != "excess" or not check.declared_mm:
         return FromFit(calibration, base_T_scanner)

@@ -88,6 +88,11 @@ class ResidualTests(Brief):
         """Whether the residual is larger than noise, a declared sigma being taken as accurate to 25 %."""
         return self.lack_of_fit_p is not None and self.lack_of_fit_p < _TOO_LARGE_P
 
+    @property
+    def is_noise(self) -> bool:
+        """Whether the residual is noise, apart from outliers: no pattern, no error motion of a joint, no excess."""
+        return not (self.fault or self.structured or self.too_large)
+
 
 def asked_of_joints(tests: ResidualTests, joints: Collection[int]) -> ResidualTests:
     """The tests with patterns over the angles of some joints (from 0) corrected for these joints alone.

@@ -24,7 +24,7 @@ from calib.workcell.measurable import incidence_cosines
 from calib.workcell.scan_field import JANG_FIELD, tilted
 from calib.workcell.scanner_place import in_front
 
-_MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight, where poses are drawn
+MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight, where poses are drawn
 
 
 def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
@@ -123,41 +123,17 @@ def scan_poses(
         batch = 512
         tried += batch
         apex_mm = JANG_FIELD.draw(batch, rng)
-        axis = tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), _MAX_TILT_DEG, rng)
+        axis = tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), MAX_TILT_DEG, rng)
         q = random_poses(robot, batch, rng=rng)
         if start_q is not None:
             starts = np.atleast_2d(np.asarray(start_q, dtype=float))
             q = starts[rng.integers(len(starts), size=batch)] + 0.4 * rng.standard_normal(q.shape)
-        batches.append(_usable(robot, np.asarray(base_T_scanner, float), apex_mm, axis, q, jig))
+        batches.append(usable_poses(robot, np.asarray(base_T_scanner, float), apex_mm, axis, q, jig))
         total += len(batches[-1])
     return np.concatenate(batches)[:count]
 
 
-def reach_apexes(robot: Robot, base_T_scanner: ArrayLike, apex_mm: ArrayLike, *, rng: np.random.Generator) -> Array:
-    """Joint vectors (K, n) that bring the jig's apex to places (K, 3), scanner frame, under conditions of `scan_poses`.
-
-    Raises:
-        CalibError: an apex is out of reach.
-    """
-    poses = []
-    for goal_mm in np.asarray(apex_mm, dtype=float):
-        for _ in range(12):
-            apexes = np.tile(goal_mm, (256, 1))
-            axis = tilted(apexes / np.linalg.norm(apexes, axis=1, keepdims=True), _MAX_TILT_DEG, rng)
-            start = random_poses(robot, 256, rng=rng)
-            q = _usable(robot, np.asarray(base_T_scanner, float), apexes, axis, start, CUBE_CORNER)
-            if len(q):
-                poses.append(q[0])
-                break
-        else:
-            raise CalibError(
-                f"robot {robot.name}: cannot hold the jig at {np.round(goal_mm, 1).tolist()} mm of the scanner; "
-                "place the scanner elsewhere"
-            )
-    return np.array(poses)
-
-
-def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q: Array, jig: Jig) -> Array:
+def usable_poses(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q: Array, jig: Jig) -> Array:
     """Joint vectors that reach their goals, within limits, clear of obstacles, with all faces in view."""
     outward = -axis @ base_T_scanner[:3, :3].T
     along_z = np.array([0.0, 0.0, jig_outward(robot)])

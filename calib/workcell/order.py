@@ -56,12 +56,6 @@ def way_lengths(robot: Robot, one: Array, other: Array) -> Array:
     return np.asarray(np.abs((one[:, None] - other[None]) * scaled).max(axis=-1))
 
 
-def path_length(robot: Robot, q: Array) -> float:
-    """Sum of the largest joint movements, rad, from row to row of q (N, n)."""
-    scaled = np.where(robot.is_revolute, 1.0, 1.0 / PRISMATIC_MM)
-    return float(np.abs(np.diff(q, axis=0) * scaled).max(axis=1).sum())
-
-
 def clear_ways(cell: Workcell, q: Array) -> BoolArray:
     """Mask (N - 1,): whether straight paths in joint space between the rows of q (N, n) avoid all known obstacles."""
     return clear_between(cell, q[:-1], q[1:])

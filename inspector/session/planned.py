@@ -9,6 +9,7 @@ from calib.errors import CalibError
 from calib.planning.plan import Plan, criterion_of, plan_poses, task_of_diagnosis
 from calib.planning.purpose import purposes
 from calib.planning.start import FromFit
+from calib.screening.blunders import without_blunders
 from inspector.session.session import Session
 
 _LIKELIEST = 5  # effects that may be planned for
@@ -58,5 +59,5 @@ def planned_for(session: Session, aim: str, count: int, payload_kg: float | None
         task = task_of_diagnosis(purpose, session.diagnosis, count, payload_kg)
         return Planned(plan_poses(task.start, task.count, criterion=task.criterion), session)
     criterion = criterion_of(aim, payload_kg=payload_kg if purpose is None else None)
-    start = FromFit(session.calibration)
+    start = FromFit(without_blunders(session.calibration))
     return Planned(plan_poses(start, count, criterion=criterion, user_effects=session.user_effects), session)

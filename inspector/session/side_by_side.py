@@ -16,6 +16,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
+from calib.screening.blunders import without_blunders
 from calib.targets.batch import find_targets
 from calib.validation.comparison import Comparison, comparison_of
 from inspector.session.session import Session
@@ -49,10 +50,10 @@ def measured_dataset(folder: Path, *, orientation: bool = False) -> Dataset:
 def beside_of_folder(name: str, folder: Path, residual: str) -> Beside:
     """Errors of a dataset that is not open, with its link errors fitted.
 
-    Raises CalibError where it cannot be read or fitted.
+    Poses that stand out are left out. Raises CalibError where it cannot be read or fitted.
     """
     dataset = measured_dataset(folder, orientation=residual == "pose")
-    return Beside.of(name, fit_measured(dataset, FitOptions(residual=residual)))
+    return Beside.of(name, without_blunders(fit_measured(dataset, FitOptions(residual=residual))))
 
 
 def beside_of_session(name: str, session: Session) -> Beside:
@@ -79,4 +80,5 @@ def compared(shown: Beside, beside: Beside) -> Comparison | None:
     """
     if shown.calibration is None or beside.calibration is None:
         return None
-    return comparison_of(beside.calibration, shown.calibration, (beside.name, shown.name))
+    one, other = map(without_blunders, (beside.calibration, shown.calibration))
+    return comparison_of(one, other, (beside.name, shown.name))

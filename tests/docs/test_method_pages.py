@@ -11,13 +11,14 @@ import pytest
 from calib import statistics
 from calib.corners.correlated_noise import likelihood, posterior
 from calib.dataset.repeats import SIGMA_DOUBT
-from calib.diagnosis import decision_rules, diagnose, learning, search_space, verdict
+from calib.diagnosis import decision_rules, learning, search_space, verdict
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.fitting import robust, trust_region
 from calib.identifiability import redundancy
 from calib.planes import clustering, robust_fit
 from calib.planning import discrimination, prediction
 from calib.screening import (
+    blunders,
     evidence,
     member_columns,
     noise_search,
@@ -76,7 +77,7 @@ SAID = [
     ("decisions", f"below {decision_rules.EQUIVALENT_LOG_BAYES_FACTOR:g} nats"),
     ("decisions", f"at most {verdict.MAX_SIGMAS_LEFT:g} times the noise"),
     ("decisions", {3: "three times at most"}[search_space.MAX_EFFECTS]),
-    ("decisions", {0.1: "up to a tenth"}[diagnose.MAX_OUTLIER_SHARE]),
+    ("decisions", {0.1: "up to a tenth"}[blunders.MAX_OUTLIER_SHARE]),
     *(("decisions", f"| `{name}` |") for name in verdict.VERDICTS),
     ("residual_tests", f"at {scan_statistic._CENTRES} centres"),
     ("residual_tests", f"$w$ = {row(scan_statistic._WIDTHS)}"),

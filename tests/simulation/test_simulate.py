@@ -19,8 +19,6 @@ from calib.kinematics.joint_range import random_poses
 from calib.scans.scan import load_scan
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.pose_design import (
-    draw_scanner_pose,
-    reach_apexes,
     spread_poses,
 )
 from calib.simulation.simulate import PAYLOADS_KG, simulate_dataset
@@ -100,19 +98,6 @@ def test_poses_spread_farther_than_the_first_ones() -> None:
     chosen = spread_poses(q, 30)
     assert len(set(chosen)) == 30
     assert closest(q[chosen]) > 1.5 * closest(q[:30])
-
-
-@pytest.mark.thorough
-def test_wanted_apexes_are_reached() -> None:
-    robot = builtin_robot("rb5")
-    rng = np.random.default_rng(9)
-    base_T_scanner = draw_scanner_pose(robot, rng=rng)
-    wanted_mm = np.array([[-73.7, 42.9, 661.4], [134.8, -16.4, 748.8]])
-    q = reach_apexes(robot, base_T_scanner, wanted_mm, rng=rng)
-    at_mm = scanner_T_target(Truth.without_effects(robot, base_T_scanner), q)[:, :3, 3]
-    np.testing.assert_allclose(at_mm, wanted_mm, atol=1.0)
-    with pytest.raises(CalibError, match="cannot hold the jig"):
-        reach_apexes(robot, base_T_scanner, [[0.0, 0.0, 4000.0]], rng=rng)
 
 
 @pytest.mark.slow

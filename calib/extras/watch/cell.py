@@ -19,7 +19,6 @@ from calib.extras.watch.change_tests import (
     confounded_with,
     most_likely,
 )
-from calib.extras.watch.check_errors import CheckErrors
 from calib.extras.watch.check_points import CheckPoints, Expectation
 from calib.statistics import rms_length
 from calib.validation.cell_changes import Change
@@ -36,8 +35,10 @@ class CellTests:
     fixed: ChangeTests
     free: ChangeTests
     scanner_known: bool  # whether the earlier fit knows the scanner's station, and it was not set up anew
-    errors: CheckErrors
-    rmse_free_mm: float  # 3D, of the new points with the scanner's frame fitted anew
+    rmse_mm: float  # 3D, of the new points with the scanner where it was or, if it was set up anew, fitted to them
+    likely_mm: float  # `rmse_mm` that is expected where nothing changed
+    limit_mm: float  # above which `rmse_mm` is in 0.27 % of unchanged cells
+    rmse_scanner_free_mm: float  # 3D, of the new points with the scanner's frame fitted anew
     expected_mm: float  # RMS, 3D, of the expected noise
     poses: int
     confounded_with_scanner: tuple[str, ...]  # the base's motion, for a scanner that stands in the world
@@ -51,19 +52,9 @@ class CellTests:
         known = expected.before_T_base is not None
         anew = check.anew_T_base
         before = anew if expected.before_T_base is None else expected.before_T_base
-        points, measured_mm, covariance_mm2 = check.observed.points, check.measured_mm, check.observed.covariance_mm2
-        predicted_mm = frames.apply(before, check.at_mm)
+        measured_mm, covariance_mm2 = check.measured_mm, check.observed.covariance_mm2
         colour = np.asarray(np.linalg.inv(check.whiten), dtype=float)
-        errors = CheckErrors(
-            poses=new.poses,
-            pose=points.pose,
-            target=tuple(map(str, points.target)),
-            measured_mm=measured_mm,
-            off_mm=measured_mm - predicted_mm,
-            covariance=(fixed if known else free).spread.coloured(colour),
-            scanner_R_base=before[:3, :3],
-        )
-        squares_mm2 = np.sum((measured_mm - frames.apply(anew, check.at_mm)) ** 2, axis=1)
+        likely_mm, limit_mm = (fixed if known else free).spread.coloured(colour).limits_mm
         sigma2_mm2 = np.trace(covariance_mm2, axis1=1, axis2=2)
         return cls(
             models=check.models,
@@ -71,8 +62,10 @@ class CellTests:
             fixed=fixed,
             free=free,
             scanner_known=known,
-            errors=errors,
-            rmse_free_mm=float(np.sqrt(squares_mm2.mean())),
+            rmse_mm=rms_length(measured_mm - frames.apply(before, check.at_mm)),
+            likely_mm=likely_mm,
+            limit_mm=limit_mm,
+            rmse_scanner_free_mm=rms_length(measured_mm - frames.apply(anew, check.at_mm)),
             expected_mm=float(expected.noise * np.sqrt(sigma2_mm2.mean())),
             poses=check.poses,
             confounded_with_scanner=() if new.robot.carries_scanner else (BASE,),
@@ -119,14 +112,14 @@ class CellTests:
         """
         if abs(change.size) <= LARGEST_BY_UNIT[change.unit]:
             return False
-        return model.moves_mm(np.array(change.vector or (change.size,))) > _HIDDEN * self.errors.rmse_mm
+        return model.moves_mm(np.array(change.vector or (change.size,))) > _HIDDEN * self.rmse_mm
 
     def size_given(self, model: ChangeModel, arm: list[ChangeModel], *, scanner_moved: bool) -> Change:
         """Size and sigma of one change, given changes of the arm; infinite sigma where no pose shows it."""
         tests = self.free if scanner_moved or not self.scanner_known else self.fixed
         others = [other for other in arm if other.key != model.key]
         if not tests.tests((model,), given=others):
-            return Change(model.what, model.joint, model.parameter, 0.0, np.inf, model.unit, 1.0, ())
+            return Change(model.what, model.joint, model.parameter, np.nan, np.inf, model.unit, 1.0, ())
         return tests.estimate(model, [*others, model])
 
     def explains_alone(self, model: ChangeModel) -> bool:

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from calib import frames
 from calib.array_types import Array, IndexArray
-from calib.calibration.result import Calibration
+from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
@@ -46,7 +46,7 @@ class CheckPoints:
         """Linearised points of a check. Raises FitError for too few poses, several stations, lengths."""
         if any(one.points is not None and one.points.lengths is not None for one in (new, base.dataset)):
             raise FitError(f"dataset {new.name}: lengths from anchors are not watched; measured points are needed")
-        later = replace(new, poses=new.poses.measured_later())
+        later = _with_noise_of(base, replace(new, poses=new.poses.measured_later()))
         observed = Observations.of_all(later)
         count = len(np.unique(observed.points.pose))
         if count < _FEWEST:
@@ -136,6 +136,18 @@ class Expectation:
         anew = [check.anew_T_base for check in checks]
         before = anew if self.before_T_base is None else [self.before_T_base] * len(checks)
         return spread(before, free=False), spread(anew, free=True)
+
+
+def _with_noise_of(base: Calibration, new: Dataset) -> Dataset:
+    """Later points with the noise of the earlier ones, where the noise of either is not declared.
+
+    The fit's residual over it is then the noise as the fit left it.
+    """
+    points = new.points
+    if points is None or (new.declares_noise and base.dataset.declares_noise):
+        return new
+    scanner = replace(new.scanner, point_sigma_mm=declared_sigma_mm(base.fitted_dataset))
+    return replace(new, points=replace(points, covariance_mm2=None), scanner=scanner)
 
 
 def _used_joints(checks: Sequence[CheckPoints]) -> tuple[Array, IndexArray]:

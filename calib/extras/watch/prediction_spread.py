@@ -13,8 +13,9 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.statistics import covariance_root
+from calib.statistics import chi2_ppf, covariance_root
 
+LIMIT_SHARE = 0.9973  # share of unchanged cells that stay below the limit: three sigmas of a control chart
 _ROUNDING = 1e-12  # share of the largest size, below which a direction is rounding
 
 
@@ -52,13 +53,6 @@ class Spread:
         along = self.axes.T @ values
         shrink = 1.0 - self.noise / np.hypot(self.noise, self.sizes)
         return np.asarray(values - self.axes @ (shrink.reshape(-1, *[1] * (along.ndim - 1)) * along)) / self.noise
-
-    def colour(self, values: Array) -> Array:
-        """Normal numbers (3 M, ...) as residuals with this covariance: the inverse of `whiten`."""
-        values = _without(values, self.blind)
-        along = self.axes.T @ values
-        stretch = np.hypot(self.noise, self.sizes) / self.noise - 1.0
-        return self.noise * np.asarray(values + self.axes @ (stretch.reshape(-1, *[1] * (along.ndim - 1)) * along))
 
     def total_weight(self, blocks: Array) -> float:
         """Squared Frobenius norm of the covariance's inverse root times a block diagonal matrix (M, 3, 3)."""
@@ -109,13 +103,16 @@ class ErrorCovariance(Brief):
         alone = float(np.sum(self.own_mm2**2)) + squared(shared, shared) + squared(taken, taken)
         return alone + 2.0 * (with_own(shared) - with_own(taken) - squared(shared, taken))
 
-    def dense(self) -> Array:
-        """Covariance as a dense matrix (3 M, 3 M), mm^2, for few points."""
-        size = self.own_mm2.shape[0]
-        blocks = np.zeros((size, 3, size, 3))
-        blocks[np.arange(size), :, np.arange(size)] = self.own_mm2
-        flat = blocks.reshape(3 * size, 3 * size)
-        return flat + self.shared_mm @ self.shared_mm.T - self.taken_mm @ self.taken_mm.T
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """Expected RMS of the 3D errors, and the limit below which it stays in 99.73 % of unchanged cells, mm.
+
+        Its square is a weighted sum of chi-square variables, approximated by one of the same mean and variance
+        (Satterthwaite 1946).
+        """
+        mean, squares, count = self.trace_mm2, self.sum_of_squares_mm4, len(self.own_mm2)
+        highest = squares / mean * chi2_ppf(LIMIT_SHARE, mean**2 / squares)
+        return float(np.sqrt(mean / count)), float(np.sqrt(highest / count))
 
 
 def _without(values: Array, basis: Array) -> Array:

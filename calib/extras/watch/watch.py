@@ -31,10 +31,10 @@ from calib.extras.watch.change_tests import (
     confounded_with,
     most_likely,
 )
-from calib.extras.watch.check_errors import CheckErrors
 from calib.extras.watch.sheet import change_of, sheet_problem
 from calib.measurement.measured_dataset import measured
 from calib.presented import Presented
+from calib.screening.blunders import without_blunders
 from calib.validation.cell_changes import CellChanges, Change
 
 MAX_ARM_CHANGES = 3  # most changes of the arm that are named
@@ -48,22 +48,20 @@ class ChangeReport(Presented):
     verdict: str  # unchanged, changed, unclear
     changes: tuple[Change, ...]
     detectable: tuple[Detectable, ...]
-    errors: CheckErrors
+    rmse_mm: float  # RMS of the 3D errors of the check poses, the scanner at its earlier place unless it was moved
+    likely_mm: float  # of it where nothing changed, by noise and the earlier fit's uncertainty
+    limit_mm: float  # above which it is in 0.27 % of unchanged cells
     usual: tuple[Change, ...]  # each joint's zero and the tool given `changes`, whether it changed or not
-    rmse_free_mm: float  # 3D, the scanner's frame fitted anew
+    rmse_scanner_free_mm: float  # 3D, the scanner's frame fitted anew
     expected_mm: float  # 3D, of the expected noise
     p_unchanged: float  # p-value of the new points where nothing changed
     poses: int
-    when: str = ""  # `[about] date` of the dataset
+    date: str = ""  # `[about] date` of the dataset
     data_problem: DataProblem | None = None  # what is wrong with the sheet, then the only change
     outside: tuple[str, ...] = ()  # check poses with joints outside the ranges of the training poses
     outside_words: str = ""
+    left_out: tuple[str, ...] = ()  # poses that the earlier fit does without, as asked or as they stand out
     times_noise: float | None = None  # residual of the earlier fit over the declared noise; None where none is declared
-
-    @property
-    def rmse_mm(self) -> float:
-        """RMS of the 3D errors of the check poses, mm, with the scanner at its earlier place."""
-        return self.errors.rmse_mm
 
     @property
     def unseen(self) -> tuple[Detectable, ...]:
@@ -81,7 +79,8 @@ def watch(
     """Report on the changes of a cell between an earlier calibration and check poses measured later.
 
     Args:
-        base: the earlier calibration or diagnosis, or a dataset or its folder, which is then calibrated.
+        base: the earlier calibration or diagnosis, or a dataset or its folder, which is then calibrated; poses that
+            stand out in it are left out, as a diagnosis does.
         new: the check poses, a dataset or its folder.
         scanner_moved: whether the scanner was set up anew, which is then no change; else it stands where it stood.
 
@@ -93,7 +92,11 @@ def watch(
     >>> calib.watch(earlier, "sample_data/hidden_effect_a").verdict
     'unchanged'
     """
-    base, new = as_calibration(base), measured(as_dataset(new))
+    return report_of(without_blunders(as_calibration(base)), measured(as_dataset(new)), scanner_moved=scanner_moved)
+
+
+def report_of(base: Calibration, new: Dataset, *, scanner_moved: bool) -> ChangeReport:
+    """Report on the changes of a cell between a calibration without blunders and later measured points; see `watch`."""
     if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
         raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
     if new.robot.carries_scanner != base.dataset.robot.carries_scanner:
@@ -106,22 +109,27 @@ def watch(
     p_unchanged = tests.p_unchanged
     problem = sheet_problem(base, new)
     changes = _changes(tests, alarmed=p_unchanged < ALARM) if problem is None else (change_of(problem),)
-    verdict = "unchanged" if not changes else "unclear" if _arm_or_scanner(changes) else "changed"
+    beyond = tests.rmse_mm > tests.limit_mm
+    open_cause = _arm_or_scanner(changes) if changes else beyond
+    verdict = "unclear" if open_cause else "changed" if changes else "unchanged"
     return ChangeReport(
         name=new.name,
         verdict=verdict,
         changes=changes,
         detectable=tuple(tests.free.detectable(model) for model in tests.models),
-        errors=tests.errors,
+        rmse_mm=tests.rmse_mm,
+        likely_mm=tests.likely_mm,
+        limit_mm=tests.limit_mm,
         usual=_usual(tests, changes),
-        rmse_free_mm=tests.rmse_free_mm,
+        rmse_scanner_free_mm=tests.rmse_scanner_free_mm,
         expected_mm=tests.expected_mm,
         p_unchanged=min(p_unchanged, tests.free.p_noise),
         poses=tests.poses,
-        when=new.about.date,
+        date=new.about.date,
         data_problem=problem,
         outside=tuple(new.poses.ids[i] for i in np.flatnonzero(trained.outside(new.robot, new.poses.q))),
         outside_words=trained.words(new.robot, new.poses.q, new.poses.ids),
+        left_out=base.fitted_dataset.left_out,
         times_noise=times_declared_noise(base),
     )
 
@@ -193,6 +201,6 @@ def _of_arm_and_scanner(tests: CellTests) -> list[Change]:
 
 def changes_since(calibration: Calibration, later: Dataset) -> CellChanges:
     """Changes of a cell between a calibration and a later dataset, as other rooms take them."""
-    report = watch(calibration, later)
+    report = report_of(without_blunders(calibration), measured(later), scanner_moved=False)
     problem = "" if report.data_problem is None else report.data_problem.warning
     return CellChanges(report.verdict, report.changes, report.rmse_mm, report.expected_mm, report.poses, problem)

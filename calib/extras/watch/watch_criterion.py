@@ -16,15 +16,15 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.errors import CalibError
-from calib.extras.watch.change_models import JOINT_ZERO, SCANNER, TOOL, ChangeModel, change_models_of_arm
-from calib.extras.watch.change_tests import DETECTABLE_Z
-from calib.extras.watch.check_outcome import ChangeKey, ChangeReason, CheckOutcome, DetectableChange
+from calib.extras.watch.cell import CellTests
+from calib.extras.watch.change_models import JOINT_ZERO, TOOL, ChangeModel, change_models_of_arm
+from calib.extras.watch.change_tests import DETECTABLE_Z, Detectable
 from calib.extras.watch.plugin import WATCH
-from calib.extras.watch.promised_sizes import promised_sizes
 from calib.fitting.scanner_frame import whitener
 from calib.frames import frames_by_name
 from calib.planning.criterion import BaseCriterion, DesignProblem
 from calib.planning.exchange import best_poses
+from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.question import Question, inverse
 from calib.planning.start import FromFit
 from calib.planning.unknowns import Unknowns
@@ -37,6 +37,24 @@ _NO_SIZE = {"rad": np.radians(10.0), "mm": 50.0}  # of a zero or a tool, above w
 _MIN_GAIN = 0.03  # share by which a pose lowers a change's sigma, below which the change is no reason for it
 
 
+ChangeKey = tuple[str, int | None, str]  # `ChangeModel.key` of a change of the cell
+
+
+@dataclass(frozen=True)
+class ChangeReason(PoseReason):
+    """Reason for a check pose: changes of the cell that would be detected less well without it."""
+
+    changes: tuple[ChangeKey, ...]  # the largest loss first
+
+
+@dataclass(frozen=True)
+class CheckOutcome(Outcome):
+    """Usual changes of the cell with the least size that planned check poses find 19 times of 20; None: never."""
+
+    changes: tuple[Detectable, ...]
+    scanner_at_rest: tuple[ChangeKey, ...]  # that show only where the scanner stands where it stood
+
+
 @dataclass(frozen=True)
 class CheckedChange:
     """Usual change of a cell, with the optimality question by which candidate poses are judged to detect it."""
@@ -46,10 +64,9 @@ class CheckedChange:
     scanner_free: bool  # whether the scanner's frame is free in the question
 
     def size(self, chosen: IndexArray) -> float:
-        """Least size, in the change's unit, that shows 19 times of 20 with given candidates, beside no rival.
+        """Least size, in the change's unit, that shows 19 times of 20 with given candidates.
 
-        For the tool, its shift in the direction that shows least. Poses are chosen by it; what is promised of them
-        counts the rivals (`calib.extras.watch.promised_sizes`).
+        For the tool, its shift in the direction that shows least. Poses are chosen by it.
         """
         return DETECTABLE_Z * float(np.sqrt(np.linalg.eigvalsh(_covariance(self.question, chosen))[-1]))
 
@@ -72,24 +89,19 @@ class ForWatch(BaseCriterion):
         return tuple(ChangeReason(_detected_by(changes, chosen, k)) for k in range(len(chosen)))
 
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> CheckOutcome:
-        """Sizes of each usual change of the cell that the chosen candidates find, and name beside all rivals."""
-        changes = {change.model.key: change for change in _checked_changes(problem)}
+        """Least size of each usual change of the cell that the chosen candidates find, as `watch` will judge them."""
         start = problem.start
         assert isinstance(start, FromFit)
         poses = problem.candidates.select(chosen)
         check = replace(start.dataset, poses=poses, points=problem.unknowns.points(poses))
-        promises = {p.model.key: p for p in promised_sizes(start.calibration, check, tuple(changes))}
-        detectable = []
-        for model in _all_usual(problem):
-            change, promise = changes.get(model.key), promises.get(model.key)
-            if change is None or promise is None or promise.found is None or promise.found > _NO_SIZE[model.unit]:
-                detectable.append(DetectableChange(model.key, model.unit, None, False, None, None, None))
-                continue
-            named, alone = (s if s and s <= _NO_SIZE[model.unit] else None for s in (promise.named, promise.alone))
-            free = change.scanner_free
-            rival = promise.rival if free else (SCANNER, None, "")
-            detectable.append(DetectableChange(model.key, model.unit, promise.found, free, named, alone, rival))
-        return CheckOutcome(tuple(detectable))
+        cell = CellTests.of(start.calibration, check, scanner_moved=False)
+        free = {change.model.key: change.scanner_free for change in _checked_changes(problem)}
+        changes = []
+        for model in (model for model in cell.models if model.what in (JOINT_ZERO, TOOL)):
+            one = (cell.free if free.get(model.key, True) else cell.fixed).detectable(model)
+            shown = model.key in free and one.size is not None and one.size <= _NO_SIZE[one.unit]
+            changes.append(one if shown else replace(one, size=None))
+        return CheckOutcome(tuple(changes), tuple(key for key, moves in free.items() if not moves))
 
 
 def check_poses(changes: Sequence[CheckedChange], count: int) -> IndexArray:
@@ -136,14 +148,6 @@ def usual_changes(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[C
         shares = fixed.size(everywhere) / free.size(everywhere)
         changes.append(free if shares**2 > _SAME_AS_SCANNER else fixed)
     return tuple(changes)
-
-
-def _all_usual(problem: DesignProblem) -> list[ChangeModel]:
-    """Change models of each joint's zero and of the tool, whether candidate poses show them or not."""
-    unknowns = problem.unknowns
-    one = unknowns.as_observed(problem.candidates.select(np.arange(1)))
-    models = change_models_of_arm(unknowns.model, unknowns.x, one)
-    return [model for model in models if model.what in (JOINT_ZERO, TOOL)]
 
 
 def _question(rows: Array, prior_information: Array, change: Array, unit: float) -> Question:

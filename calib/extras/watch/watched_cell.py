@@ -1,4 +1,4 @@
-"""All that later measurements of one cell show: each by itself, repeated poses, and the series together."""
+"""All that later measurements of one cell show: each by itself, and the series together."""
 
 from __future__ import annotations
 
@@ -8,24 +8,17 @@ from dataclasses import dataclass
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
-from calib.extras.watch.control_chart import in_time, repeated_poses
-from calib.extras.watch.iso9283 import PoseFigures
-from calib.extras.watch.series import FEWEST_CHECKS, SeriesReport, watch_series
-from calib.extras.watch.watch import ChangeReport, watch
+from calib.extras.watch.series import FEWEST_CHECKS, SeriesReport, date_of, watch_series
+from calib.extras.watch.watch import ChangeReport, report_of
+from calib.screening.blunders import without_blunders
 
 
 @dataclass(frozen=True)
 class WatchedCell:
-    """Change reports of later measurements, with figures of revisited poses and what all show together."""
+    """Change reports of later measurements, with what all show together."""
 
-    seen: tuple[ChangeReport, ...]  # in the order given
-    repeats: tuple[PoseFigures, ...]
+    seen: tuple[ChangeReport, ...]  # by date where all have one, else in the order given
     together: SeriesReport | None  # None for fewer than three checks whose tables are right
-
-    @property
-    def by_date(self) -> tuple[ChangeReport, ...]:
-        """The change reports in the order of their dates, where all have one."""
-        return in_time(self.seen)
 
     @property
     def is_unchanged(self) -> bool:
@@ -37,20 +30,22 @@ class WatchedCell:
 def watched_cell(
     base: Calibration, later: Sequence[Dataset], *, scanner_moved: bool = False, tolerance_mm: float | None = None
 ) -> WatchedCell:
-    """Change reports of later datasets against a calibration, and what they show together.
+    """Change reports of later measurements against a calibration, and what they show together.
 
     Raises:
         FitError: as `watch` does.
         CalibError: a tolerance for fewer than three checks whose tables are right.
     """
-    seen = tuple(watch(base, dataset, scanner_moved=scanner_moved) for dataset in later)
+    base, dates = without_blunders(base), [date_of(dataset.about.date) for dataset in later]
+    if None not in dates:
+        later = [later[k] for k in sorted(range(len(later)), key=lambda k: str(dates[k]))]
+    seen = tuple(report_of(base, dataset, scanner_moved=scanner_moved) for dataset in later)
     right = [dataset for dataset, report in zip(later, seen, strict=True) if report.data_problem is None]
-    together = None
     if len(right) >= FEWEST_CHECKS and len({str(dataset.poses.setup[0]) for dataset in right}) == 1:
-        together = watch_series(base, right, scanner_moved=scanner_moved, tolerance_mm=tolerance_mm)
-    elif tolerance_mm is not None:
+        return WatchedCell(seen, watch_series(base, right, scanner_moved=scanner_moved, tolerance_mm=tolerance_mm))
+    if tolerance_mm is not None:
         raise CalibError(
             f"the time until a tolerance is reached takes {FEWEST_CHECKS} checks or more with one station of the "
             f"scanner; found {len(right)}"
         )
-    return WatchedCell(seen, repeated_poses(base, seen), together)
+    return WatchedCell(seen, None)

@@ -304,6 +304,8 @@ def _blocked(plan: Plan) -> str:
 
 def _of_fit(start: FromFit) -> list[str]:
     lines, check = [], check_sigma(start.calibration)
+    if left_out := start.calibration.fitted_dataset.left_out:
+        lines.append(f"the fit is without {numbers.listing(left_out)}")
     if start.diagnosed is not None:
         added = numbers.listing(start.calibration.model.family_names) or "nothing that holds"
         lines.append(

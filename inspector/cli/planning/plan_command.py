@@ -13,7 +13,6 @@ from calib.array_types import Array, Vector
 from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Box, Dataset, Poses, Surroundings
 from calib.dataset.files.atomic_write import write_text_atomically
-from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.errors import CalibError
@@ -54,8 +53,9 @@ def run_plan(options: PlanOptions) -> int:
         check_plan_file(options.out)
     purpose = purposes().get(options.purpose)
     if purpose is not None and purpose.why_no_candidates and options.candidates is not None:
-        told = f"--for {purpose.name} {purpose.why_no_candidates}"
-        raise CalibError(f"{options.candidates}: {told}; leave out --candidates")
+        raise CalibError(
+            f"{options.candidates}: --for {purpose.name} {purpose.why_no_candidates}; leave out --candidates"
+        )
     user_effects: Sequence[Family] = ()
     if purpose is not None and purpose.of_diagnosis:
         task = _task(options, purpose)
@@ -67,7 +67,7 @@ def run_plan(options: PlanOptions) -> int:
         else:
             task = PlanTask(_first_start(options), options.poses or FIRST_SET, criterion)
     region = options.region if isinstance(options.region, str) else BoxRegion(*_corners(options.region))
-    given = None if options.candidates is None else _candidates(options, options.candidates, task.start)
+    given = None if options.candidates is None else _candidates(options.candidates, task.start)
     plan = plan_poses(
         task.start,
         task.count,
@@ -105,16 +105,11 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
 
 
 def _task(options: PlanOptions, purpose: PlanPurpose) -> PlanTask:
-    """Poses that serve a purpose after a dataset's diagnosis."""
+    """Poses that serve a purpose after a dataset's diagnosis, such as to tell confounded effects apart."""
     if not options.path.is_dir():
         raise CalibError(
             f"{options.path}: --for {purpose.name} settles what a dataset's diagnosis left open; give its folder"
         )
-    return task_of_diagnosis(purpose, _diagnosis(options), options.add, options.payload_kg)
-
-
-def _diagnosis(options: PlanOptions) -> Diagnosis:
-    """Diagnosis of a dataset, whose confounded effects are to be told apart."""
     if options.scanner is not None:
         raise CalibError(
             f"{options.path}: a set is settled from where the scanner stood; leave out --scanner with --for "
@@ -122,9 +117,10 @@ def _diagnosis(options: PlanOptions) -> Diagnosis:
         )
     dataset, user_effects = _dataset_of(options)
     with stages() as on_step:
-        return diagnose(
+        diagnosis = diagnose(
             dataset, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
         )
+    return task_of_diagnosis(purpose, diagnosis, options.add, options.payload_kg)
 
 
 def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
@@ -168,7 +164,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
     return FromRobot(cell, noise_mm, options.fit_options())
 
 
-def _candidates(options: PlanOptions, path: Path, start: Start) -> Poses:
+def _candidates(path: Path, start: Start) -> Poses:
     """Poses of a table to choose from, without those that were measured already. Raises CalibError."""
     poses = load_targets(path, start.dataset.robot).poses
     repeated = [pose_id for pose_id, times in Counter(poses.ids).items() if times > 1]

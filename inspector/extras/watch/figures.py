@@ -1,4 +1,4 @@
-"""Figures of a watched cell, as `inspector.figures` offers them."""
+"""Figure of a watched cell, as `inspector.figures` offers it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import plotly.graph_objects as go
 
 from calib.errors import CalibError
-from calib.extras.watch.series import SeriesReport
 from calib.extras.watch.watch import ChangeReport
 from inspector.extras.watch import watch_plots
 from inspector.figures.results.alone import titled
@@ -19,10 +18,3 @@ def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = F
     if not shown_of:
         raise CalibError("no measurement to draw; give what calib.extras.watch.watch returned, one or several")
     return titled(watch_plots.control_chart(shown_of), "Control chart of the cell", dark=dark)
-
-
-def series_chart(found: SeriesReport, *, dark: bool = False) -> go.Figure:
-    """Figure of one change's size at each check of a series: of what drifts or steps, else the least likely of all."""
-    if found.shown is None:
-        raise CalibError("no change shows at these check poses, so there is nothing to draw")
-    return titled(watch_plots.series_chart(found), "Over the checks", dark=dark)

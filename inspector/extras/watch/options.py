@@ -8,11 +8,11 @@ from pathlib import Path
 
 from inspector.cli.options import values
 from inspector.cli.options.declaration import argument, flag, option, several
-from inspector.cli.options.shared import Output, WithAdding
+from inspector.cli.options.shared import Output, WithAdding, WithLeaveOut
 
 
 @dataclass(frozen=True, kw_only=True)
-class WatchOptions(WithAdding, Output):
+class WatchOptions(WithAdding, WithLeaveOut, Output):
     """What changed in a cell since a calibration, by a few check poses."""
 
     path: Path = argument("dataset folder of the earlier calibration")
@@ -26,4 +26,4 @@ class WatchOptions(WithAdding, Output):
         metavar="MM",
         parse=values.rmse_mm,
     )
-    out: Sequence[Path] = several("write the control chart: .svg, with tables .html, the series .csv; several times")
+    out: Sequence[Path] = several("write the control chart: .svg, with tables .html; several times")

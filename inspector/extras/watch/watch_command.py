@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
-from calib.extras.watch.present.changes import series, watch_document, watch_summary
+from calib.extras.watch.present.changes import watch_document, watch_summary
 from calib.extras.watch.watched_cell import WatchedCell, watched_cell
 from calib.present import to_dict
-from calib.text_files.csv_text import frame_csv
+from calib.rendering import numbers
 from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.output_paths import check_outputs
 from inspector.extras.watch.options import WatchOptions
 
-WATCH_FILES = (".html", ".svg", ".csv")
+WATCH_FILES = (".html", ".svg")
 
 
 def run_watch(options: WatchOptions) -> int:
@@ -24,12 +26,11 @@ def run_watch(options: WatchOptions) -> int:
     for out in options.out:
         if out.suffix.lower() not in WATCH_FILES:
             raise CalibError(f"{out}: found the suffix {out.suffix!r}; a watch is written as {' '.join(WATCH_FILES)}")
-    dataset = load(options.path)
-    check_outputs(dataset, options.out)
-    base = fitted(options, measured(dataset))[-1].calibration
-    later = [load(path) for path in options.new]
-    for new in later:
-        check_outputs(new, options.out)
+    datasets = [load(path) for path in (options.path, *options.new)]
+    for dataset in datasets:
+        check_outputs(dataset, options.out)
+    first, *later = _without(datasets, options.leave_out)
+    base = fitted(options, measured(first))[-1].calibration
     cell = watched_cell(
         base, list(map(measured, later)), scanner_moved=options.scanner_moved, tolerance_mm=options.tolerance_mm
     )
@@ -39,10 +40,16 @@ def run_watch(options: WatchOptions) -> int:
     return 0 if cell.is_unchanged else 1
 
 
+def _without(datasets: Sequence[Dataset], pose_ids: Sequence[str]) -> list[Dataset]:
+    """The datasets, each without those of the poses that it has. Raises CalibError for a pose that none has."""
+    for pose_id in pose_ids:
+        if not any(pose_id in dataset.poses.ids for dataset in datasets):
+            names = numbers.listing([dataset.name for dataset in datasets])
+            raise CalibError(f"--leave-out {pose_id}: found no pose of this name in {names}; poses.csv names them")
+    return [dataset.leave_out([one for one in pose_ids if one in dataset.poses.ids]) for dataset in datasets]
+
+
 def _write(out: Path, base: str, cell: WatchedCell) -> None:
-    if out.suffix.lower() == ".csv":
-        write_text_atomically(out, frame_csv(series(cell.seen)))
-        return
     from inspector.extras.watch.watch_page import watch_html, watch_svg  # with plotly, which takes a while to load
 
     page = watch_svg(cell) if out.suffix.lower() == ".svg" else watch_html(base, cell, now=datetime.now())

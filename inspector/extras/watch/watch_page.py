@@ -1,10 +1,10 @@
-"""HTML page on a watched cell: changes, the control chart, undetectable changes, repeats by ISO 9283."""
+"""HTML page on a watched cell: changes, the control chart, undetectable changes."""
 
 from __future__ import annotations
 
 from datetime import datetime
 
-from calib.extras.watch.present.changes import METHOD, cell_sections, cell_verdict, control_chart
+from calib.extras.watch.present.changes import METHOD, cell_verdict, change_sections, control_chart
 from calib.extras.watch.watched_cell import WatchedCell
 from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section
 from inspector.extras.watch import watch_plots
@@ -19,12 +19,16 @@ def watch_html(base: str, cell: WatchedCell, *, now: datetime) -> str:
     head: list[Block] = [
         KeyFigures([("Calibration", base), ("Measurements", len(cell.seen)), ("Made", made)]),
         *cell_verdict(cell),
-        control_chart(cell.by_date),
+        control_chart(cell.seen),
     ]
-    sections = [*cell_sections(cell), Section("Method", (Bullets(METHOD),)), Section("Made with", (Facts(versions()),))]
+    sections = [
+        *change_sections(cell.seen),
+        Section("Method", (Bullets(METHOD),)),
+        Section("Made with", (Facts(versions()),)),
+    ]
     return render(Presentation(f"Watch: {base}", head, sections))
 
 
 def watch_svg(cell: WatchedCell) -> str:
     """SVG file of the control chart."""
-    return svg_file(watch_plots.control_chart(cell.by_date), 850, 360, title="control chart")
+    return svg_file(watch_plots.control_chart(cell.seen), 850, 360, title="control chart")

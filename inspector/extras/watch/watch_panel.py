@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import viser
 
-from calib.extras.watch.present.changes import cell_sections, change_verdict, series_head
+from calib.extras.watch.present.changes import cell_verdict, change_sections
 from calib.extras.watch.watched_cell import WatchedCell
 from calib.rendering import html
-from inspector.extras.watch.watch_plots import control_chart, series_chart
+from inspector.extras.watch.watch_plots import control_chart
 from inspector.markup.parts import elements
 from inspector.panels.base import SECONDARY, Actions, by_page, hidden_plot, put
 from inspector.session.view import View
@@ -36,8 +36,6 @@ class WatchPanel:
         self._clear = gui.add_button("Clear", color=SECONDARY, hint="clear the choice", visible=False)
         self._state = gui.add_html("")
         self._plot = hidden_plot(gui, 0.7, "control chart")
-        self._over_checks = gui.add_html("")
-        self._course = hidden_plot(gui, 0.7, "over the checks")
         self._found = gui.add_html("")
         self._name = ""  # of the dataset on show
         self._chosen: dict[str, tuple[str, ...]] = {}  # by dataset on show
@@ -75,8 +73,7 @@ class WatchPanel:
 
     def say(self, words: str, *, bad: bool = False) -> None:
         """Show why there is no result yet."""
-        self._plot.visible = self._course.visible = False
-        self._over_checks.content = ""
+        self._plot.visible = False
         self._found.content, self._drawn = "", None
         self._state.content = elements.alert(words) if bad else elements.note(words)
 
@@ -84,13 +81,8 @@ class WatchPanel:
         """Show the changes of the cell found by the later measurements."""
         if self._drawn is cell:
             return
-        self._state.content = html.panel(change_verdict(cell.by_date))
-        self._found.content = html.panel(cell_sections(cell))
+        self._state.content = html.panel(cell_verdict(cell))
+        self._found.content = html.panel(change_sections(cell.seen))
         self._plot.visible = True
-        self._plot.figure = control_chart(cell.by_date)
-        together = cell.together
-        self._over_checks.content = "" if together is None else html.panel(series_head(together))
-        self._course.visible = together is not None and together.shown is not None
-        if together is not None and together.shown is not None:
-            self._course.figure = series_chart(together)
+        self._plot.figure = control_chart(cell.seen)
         self._drawn = cell

@@ -41,13 +41,13 @@ def test_the_covariance_is_that_of_a_brownian_motion_from_the_training_poses() -
 
 def test_a_change_that_no_part_can_make_is_refused(clean: Dataset) -> None:
     tests = CellTests.of(calibrate(clean), clean, scanner_moved=False)
-    points = len(tests.errors.off_mm)
+    points = len(tests.models[0].columns)
     model = ChangeModel(TOOL, None, "", "mm", np.broadcast_to(np.eye(3), (points, 3, 3)))
 
     def tool_by(size_mm: float) -> Change:
         return Change(TOOL, None, "", size_mm, 0.3 * size_mm, "mm", 1e-4, (), (size_mm, 0.0, 0.0))
 
-    assert tests.errors.rmse_mm < 0.3
+    assert tests.rmse_mm < 0.3
     assert tests.no_part_makes(tool_by(369.0), model)
     assert not tests.no_part_makes(tool_by(2.0), model)
 
@@ -56,6 +56,6 @@ def test_a_fit_that_leaves_many_times_the_noise_says_so(clean: Dataset) -> None:
     fine = replace(clean, scanner=Scanner(point_sigma_mm=0.01))
     for dataset, is_said in ((clean, False), (fine, True)):
         seen = watch(calibrate(dataset), dataset)
-        told = block_text(*change_verdict([seen]))
+        told = block_text(*change_verdict(seen))
         assert ("times the declared noise" in " ".join(told.split())) == is_said
         assert seen.times_noise == pytest.approx(1.0 if not is_said else 5.0, rel=0.2)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.extras.watch import change_tests, misfit, series
+from calib.extras.watch import change_tests, misfit
 
 PAGE = Path(__file__).parents[3] / "docs" / "extras" / "watch.md"
 SAID = [
@@ -19,7 +19,6 @@ SAID = [
     f"An alarm is below {change_tests.ALARM:g};",
     f"a change of the arm is named below {change_tests.NAMED:g} where",
     f"else below {change_tests.NAMED_GIVEN_OTHERS:g}",
-    f"{series.EWMA_WEIGHT:g} \\, s_k",
 ]
 
 

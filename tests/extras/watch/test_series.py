@@ -14,9 +14,8 @@ from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
-from calib.extras.watch.courses import DRIFT, STEP
 from calib.extras.watch.present.changes import series_sentence, time_left_sentence, watch_document
-from calib.extras.watch.series import watch_series
+from calib.extras.watch.series import DRIFT, STEP, watch_series
 from calib.extras.watch.watch import watch
 from calib.extras.watch.watched_cell import watched_cell
 from calib.statistics import rms_length
@@ -56,8 +55,6 @@ def test_a_drift_too_small_for_each_check_is_named_by_all() -> None:
     assert found.change.size == pytest.approx(np.radians(0.0015), abs=3.0 * found.change.sigma)
     assert found.change.sigma < 0.2 * found.change.size
     assert watch(base, checks[2]).verdict == "unchanged"
-    assert found.named is not None
-    assert found.named < CHECKS
     # The truth: the day on which the arm's own motion at the check poses reaches the tolerance.
     per_day_mm = rms_length(drifting(0.0015)(cell, 1).seen_mm(q) - cell.seen_mm(q))
     left = found.time_left
@@ -73,23 +70,20 @@ def test_a_step_is_told_from_a_drift_with_the_check_before_which_it_came() -> No
     base, checks, *_ = series(lambda cell, day: cell.with_changes({"theta2": np.radians(0.02) * (day > 4)}))
     found = watch_series(base, checks)
     assert found.change is not None
-    assert (found.course, found.change.joint, found.names[found.onset]) == (STEP, 2, "c5")
-    assert not found.either_course
-    assert found.alarmed == 4
+    assert (found.course, found.change.joint, found.onset) == (STEP, 2, "c5")
     assert "between c4 (2026-03-05) and c5 (2026-03-06)" in series_sentence(found)
 
 
-def test_an_unchanged_cell_is_steady_and_a_fast_drift_is_excluded() -> None:
+def test_an_unchanged_cell_is_steady() -> None:
     base, checks, *_ = series(lambda cell, _: cell)
-    found = watch_series(base, checks[::-1], tolerance_mm=0.4)
+    found = watched_cell(base, checks[::-1], tolerance_mm=0.4).together
+    assert found is not None
     assert found.is_steady
     assert found.change is None
     assert found.names == tuple(f"c{k}" for k in range(1, CHECKS + 1))  # by date, whatever the order given
     left = found.time_left
     assert left is not None
     assert left.likely is None
-    assert left.earliest is not None
-    assert left.earliest > CHECKS
     assert "nothing drifts or steps" in series_sentence(found)
 
 
@@ -155,8 +149,6 @@ def test_a_calibration_without_a_date_is_said_to_be_supposed() -> None:
 
 def test_too_few_checks_say_how_many_it_takes() -> None:
     base, checks, *_ = series(drifting(0.003))
-    with pytest.raises(CalibError, match="found 2 checks; a series takes 3 or more"):
-        watch_series(base, checks[:2])
     with pytest.raises(CalibError, match="takes 3 checks or more"):
         watched_cell(base, checks[:2], tolerance_mm=0.4)
     assert watched_cell(base, checks[:2]).together is None
@@ -169,8 +161,6 @@ def test_the_document_of_a_cell_has_the_series() -> None:
     assert cell.together is not None
     document = cell.together.to_dict()
     assert document["change"]["joint"] == 3
-    assert document["named_since"] in document["names"]
-    assert {average["joint"] for average in document["moving_averages"]} >= {2, 3, None}
     whole = watch_document(cell)
     assert whole["series"] is cell.together
     (trend,) = whole["trend"]
@@ -179,13 +169,3 @@ def test_the_document_of_a_cell_has_the_series() -> None:
     assert cell.together.time_left is not None
     assert trend["days_left"] == cell.together.time_left.likely
     assert "the tolerance of 0.40 mm" in cell.together.summary()
-
-
-def test_the_order_in_which_the_checks_are_given_changes_no_result() -> None:
-    base, checks, *_ = series(drifting(0.0015))
-    found = watch_series(base, checks)
-    reordered = watch_series(base, [checks[i] for i in (3, 1, 7, 0, 2, 6, 5, 4)])
-    assert found.change is not None
-    assert reordered.change is not None
-    assert reordered.change.size == pytest.approx(found.change.size, rel=1e-9)
-    assert reordered.p_unchanged == pytest.approx(found.p_unchanged, rel=1e-6)
