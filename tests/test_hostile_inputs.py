@@ -96,7 +96,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cell of 30 poses, with a model, a session, an effect of the user's own and a user's table of it."""
     folder = tmp_path_factory.mktemp("good")
     rng = np.random.default_rng(18)
-    made = simulate_dataset(builtin_robot("rb5"), rng=rng, poses=30, noise_mm=0.05, conditions=True, name="cell")
+    made = simulate_dataset("rb5", rng=rng, poses=30, noise_mm=0.05, conditions=True, name="cell")
     dataset, cell = made.dataset, folder / "cell"
     write_dataset(dataset, cell)
     with (cell / "dataset.toml").open("a") as file:
@@ -108,7 +108,6 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     session["dataset"]["folder"] = "cell"
     (folder / "session.json").write_text(json.dumps(session, indent=1))
     (folder / "own_effect.py").write_text(EFFECT)
-    assert dataset.points is not None
     columns = ["pose", *(f"J{k} [rad]" for k in range(1, 7)), "X [m]", "Y [m]", "Z [m]"]
     values = zip(dataset.poses.ids, dataset.poses.q.tolist(), (dataset.points.xyz_mm / 1e3).tolist(), strict=True)
     rows = [[pose, *map(repr, q), *map(repr, place)] for pose, q, place in values]
@@ -467,7 +466,6 @@ def assert_same(one: Dataset, other: Dataset) -> None:
 
 def _elsewhere(dataset: Dataset, rng: Rng, folder: Path) -> Dataset:
     """Each placement of the scanner somewhere else in the room."""
-    assert dataset.points is not None
     xyz_mm, setup = dataset.points.xyz_mm.copy(), dataset.poses.setup[dataset.points.pose]
     for name in np.unique(setup):
         moved = random_transform(rng)
@@ -523,7 +521,7 @@ def test_an_arm_told_otherwise_has_the_same_fit(
     seed: int,
 ) -> None:
     rng = np.random.default_rng(seed)
-    made = simulate_dataset(builtin_robot(arm), rng=rng, effects=effects, poses=60, noise_mm=0.05, setups=setups)
+    made = simulate_dataset(arm, rng=rng, effects=effects, poses=60, noise_mm=0.05, setups=setups)
     with scratch() as folder:
         write_dataset(made.dataset, folder)
         dataset = load_dataset(folder)

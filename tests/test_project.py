@@ -158,13 +158,6 @@ def test_the_core_works_without_the_extras_and_says_which_of_them_a_command_lack
     assert "[scans]" in simulate
 
 
-@pytest.mark.thorough
-def test_corners_are_found_without_the_extras(tmp_path: Path):
-    done = without_extras(tmp_path, ("corners", str(ROOT / "sample_data/rb5_repeats"), "--processes", "1"))
-    assert "exit code 0" in done.stdout
-    assert "corner" in done.stdout
-
-
 @pytest.mark.slow
 def test_packages_import_only_what_pyproject_requires():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

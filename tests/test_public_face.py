@@ -75,16 +75,6 @@ def test_datasets_are_taken_as_paths(dataset: calib.Dataset) -> None:
         calib.redundancy(3)  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
-def test_corners_are_found_where_a_dataset_holds_scans_only() -> None:
-    scans = calib.load_dataset(ROOT / "sample_data" / "rb5_jang")
-    some = scans.leave_out([one for k, one in enumerate(scans.poses.ids) if k % 3])
-    fit = calib.calibrate(some)
-    assert fit.after.test is not None
-    assert fit.before.test is not None
-    assert fit.after.test.rmse_mm < fit.before.test.rmse_mm
-
-
 def test_effects_are_taken_by_name_class_family_or_member(dataset: calib.Dataset, fit: calib.Calibration) -> None:
     family = family_of(dataset, HIDDEN)
     for effects in (HIDDEN, [TransmissionError], [family], family.members, [HIDDEN, family]):

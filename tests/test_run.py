@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shutil
@@ -13,9 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-
-from inspector.cli.commands import commands
-from inspector.cli.parser import parser_of
 
 ROOT = Path(__file__).parents[1]
 # All that `run` may need of a system. Not there: python3.12, apt-get, sudo and chromium of the machine that tests it.
@@ -197,16 +193,6 @@ def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tupl
     assert inspector_call(calls) == expected.format(project=sandbox.project, own=f"--data {sandbox.project}/my_data")
 
 
-@pytest.mark.thorough
-def test_no_value_of_an_option_of_serve_is_taken_for_a_path(sandbox: Sandbox):
-    subcommands = next(a for a in parser_of(commands().values())._actions if isinstance(a, argparse._SubParsersAction))
-    valued = [a for a in subcommands.choices["serve"]._actions if a.option_strings and a.nargs is None]
-    assert len(valued) >= 4
-    arguments = [word for action in valued for word in (action.option_strings[-1], "9")]
-    _, calls = sandbox.run("serve", *arguments)
-    assert inspector_call(calls) == f"serve {sandbox.project}/sample_data {' '.join(arguments)}"
-
-
 @pytest.mark.slow
 def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     done, calls = sandbox.run("test")
@@ -353,20 +339,6 @@ def test_without_the_right_to_install_it_prints_the_line_to_type(sandbox: Sandbo
     done, _ = sandbox.run("test", CHROMIUM="no-such-browser")
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].strip().endswith("--no-install-recommends chromium fonts-dejavu-core")
-
-
-@pytest.mark.thorough
-def test_as_root_it_installs_and_asks_for_fresh_lists_when_needed(sandbox: Sandbox):
-    sandbox.program("id", "#!/bin/sh\necho 0\n")
-    sandbox.program(
-        "apt-get",
-        '#!/bin/sh\nprintf "apt-get %s\\n" "$*" >>"$CALLS"\ncase "$*" in *update) touch "$CALLS.lists" ;; '
-        '*) [ -e "$CALLS.lists" ] || { echo "E: Unable to locate package" >&2; exit 100; } ;; esac\n',
-    )
-    done, calls = sandbox.run("check", "x", ENSUREPIP_EXIT="1")
-    assert done.returncode == 0, done.stderr
-    apt = [call for call in calls if call.startswith("apt-get")]
-    assert [call.split()[-1] for call in apt] == ["python3.11-venv", "update", "python3.11-venv"]
 
 
 @pytest.mark.thorough

@@ -35,8 +35,6 @@ MEASURED = {"ur10_ipa": (200, 300), "mukca_panda_2_clean": (434, 63)}  # real ar
 @pytest.fixture(scope="module")
 def maker() -> ModuleType:
     spec = importlib.util.spec_from_file_location("make_sample_data", ROOT / "benchmarks" / "make_sample_data.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -112,7 +110,6 @@ def test_every_scan_is_a_plain_float_cloud_of_its_size(name: str) -> None:
     dataset = load_dataset(SAMPLES / name)
     for i in range(len(dataset.poses)):
         path = dataset.scan_path(i)
-        assert path is not None
         with path.open("rb") as file:
             header = file.read(400).split(b"end_header\n")[0].decode().split("\n")
         assert [line.split()[-1] for line in header if line.startswith("property float")] == ["x", "y", "z"]
@@ -166,7 +163,6 @@ def test_corners_of_a_standing_arm_scatter_as_the_papers_and_say_so() -> None:
     """Corners of the arm at rest scatter below the paper's 0.062 to 0.104 mm (3D), whose arm moved in between."""
     dataset = load_dataset(SAMPLES / "rb5_repeats")
     points = with_corners(dataset, find_corners(dataset, intermediate=False)).points
-    assert points is not None
     assert points.covariance_mm2 is not None
     assert len(points.pose) == 40
     apex_mm = np.array(list(truth("rb5_repeats")["apex_mm"].values()))
@@ -220,8 +216,6 @@ def test_hidden_effect_comes_from_its_seed_and_is_visible(name: str, maker: Modu
     dataset, simulation, stored = load_dataset(SAMPLES / name), maker.hidden_effect(name), truth(name)
     assert dataset.warnings == ()
     assert [int(np.sum(dataset.poses.role == r)) for r in ("reference", "train", "test")] == [1, 50, 13]
-    assert dataset.points is not None
-    assert simulation.dataset.points is not None
     np.testing.assert_allclose(dataset.points.xyz_mm, simulation.dataset.points.xyz_mm, atol=1e-6)
     apex_mm = np.array([stored["apex_mm"][pose_id] for pose_id in dataset.poses.ids])
     assert (dataset.points.xyz_mm - apex_mm).std() == pytest.approx(0.05, rel=0.15)
@@ -255,7 +249,5 @@ def test_a_real_arm_has_its_licence_its_source_and_no_warning(name: str) -> None
 def test_a_real_arm_falls_to_what_independent_fits_reach(name: str, nominal_mm: float, at_most_mm: float) -> None:
     """Test errors of the link errors alone are near those of independent fits of the same data, 0.43 and 0.235 mm."""
     result = calibrate(load_dataset(SAMPLES / name))
-    assert result.before.test is not None
-    assert result.after.test is not None
     assert result.before.test.rmse_mm == pytest.approx(nominal_mm, rel=1e-3)
     assert result.after.test.rmse_mm < at_most_mm

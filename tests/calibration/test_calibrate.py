@@ -11,7 +11,6 @@ import pytest
 from calib import calibrate, check, frames, redundancy
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset.repeats import repeats_of
 from calib.effects.catalogue import family_of
 from calib.errors import FitError
@@ -19,7 +18,6 @@ from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import ErrorsOfTestPoses
 from tests.support import SHARED_DATA
 from tests.support.arms import (
     REFERENCE,
@@ -42,8 +40,6 @@ def simulated(seed: int = 0, **more: object) -> Dataset:
 @pytest.mark.parametrize("residual", ["position", "distance"])
 def test_the_held_out_error_falls_to_the_noise(residual: str) -> None:
     result = calibrate(simulated(), FitOptions(residual))
-    assert result.before.test is not None
-    assert result.after.test is not None
     assert result.before.test.rmse_mm > 1.0
     # 0.02 mm an axis is 0.035 mm in 3D; the fit's own uncertainty comes on top.
     assert result.after.test.rmse_mm < {"position": 0.06, "distance": 0.12}[residual]
@@ -71,7 +67,6 @@ def test_test_poses_have_no_say_in_the_fit() -> None:
     shifted = points.xyz_mm + np.where(dataset.poses.is_test[points.pose], 5.0, 0.0)[:, None]
     other = calibrate(dataset.with_points(Points(points.pose, shifted, points.target)))
     np.testing.assert_array_equal(other.fit.x, calibrate(dataset).fit.x)
-    assert other.after.test is not None
     assert other.after.test.rmse_mm > 5.0
 
 
@@ -79,7 +74,6 @@ def test_figures_by_hand() -> None:
     """RMSE, maximum and mean of 3D and distance errors equal those from their definitions."""
     dataset = simulated(noise_mm=0.3)
     result = calibrate(dataset, FitOptions("distance"))
-    assert dataset.points is not None
     measured = dataset.points.xyz_mm
     base = elementary_points(result.robot, dataset.poses.q)
     train = ~dataset.poses.is_test
@@ -87,7 +81,6 @@ def test_figures_by_hand() -> None:
     error = np.linalg.norm(placed - measured, axis=1)
     length = np.abs(np.linalg.norm(base - base[0], axis=1) - np.linalg.norm(measured - measured[0], axis=1))
     for figures, of in ((result.after.train, train), (result.after.test, ~train)):
-        assert figures is not None
         assert figures.rmse_mm == pytest.approx(np.sqrt(np.mean(error[of] ** 2)), rel=1e-9)
         assert figures.max_mm == pytest.approx(error[of].max(), rel=1e-9)
         assert figures.mean_mm == pytest.approx(error[of].mean(), rel=1e-9)
@@ -102,7 +95,6 @@ def test_setups_have_frames_of_their_own_and_one_without_training_says_so() -> N
     poses = dataset.poses
     setup = np.where(np.arange(64) % 2 == 0, "left", "right")
     setup[poses.is_test] = "far"
-    assert dataset.points is not None
     xyz = dataset.points.xyz_mm.copy()
     for name in ("left", "right", "far"):
         xyz[setup == name] = frames.apply(random_transform(rng), xyz[setup == name])
@@ -111,8 +103,6 @@ def test_setups_have_frames_of_their_own_and_one_without_training_says_so() -> N
     )
     for residual in ("position", "distance"):
         result = calibrate(split, FitOptions(residual))
-        assert result.after.train is not None
-        assert result.after.test is not None
         assert result.after.train.rmse_mm < 0.1
         assert result.after.test.rmse_mm < 0.2
         assert any("'far'" in note for note in calibration_warnings(result))
@@ -144,7 +134,6 @@ def test_a_dataset_without_points_is_refused() -> None:
 def test_all_poses_alike_are_refused() -> None:
     dataset = simulated()
     same = replace(dataset, poses=replace(dataset.poses, q=np.zeros_like(dataset.poses.q)))
-    assert same.points is not None
     noise = np.random.default_rng(0).normal(size=(64, 3)) * 0.05
     stands = same.with_points(Points(same.points.pose, noise + np.array([1.0, 2.0, 3.0]), same.points.target))
     verdict = check(stands)
@@ -182,8 +171,6 @@ def test_jangs_table_3_explains_his_arm() -> None:
     dataset = dataset_of(jang_arm(), true, rng, test=13, noise_mm=0.0)
     for residual in ("position", "distance"):
         result = calibrate(dataset, FitOptions(residual))
-        assert result.after.test is not None
-        assert result.before.test is not None
         assert result.before.test.max_mm > 3.0
         assert result.after.test.max_mm < 1e-4
 
@@ -205,23 +192,10 @@ def test_table_1_recomputed_from_its_rows() -> None:
     assert round(float(deviations.max()), 2) == 0.09
 
 
-@pytest.mark.slow
-def test_check_passes_fails_and_says_why() -> None:
-    verdict = check(simulated())
-    assert verdict.passed
-    assert verdict.failed == ()
-    strict = check(simulated(), max_test_rmse_mm=1e-4)
-    assert not strict.passed
-    (test_poses,) = strict.failed
-    assert isinstance(test_poses.evidence, ErrorsOfTestPoses)
-    assert test_poses.evidence.asked_mm == 1e-4
-
-
 @pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the real measurements are not part of the project")
 def test_a_real_arm_reaches_the_floor_of_an_independent_fit() -> None:
     """Others are among the sample datasets."""
     result = calibrate(load_dataset(SHARED_DATA / "mukca_panda_1"))
-    assert result.after.test is not None
     assert result.after.test.rmse_mm <= 0.85
 
 
@@ -229,8 +203,8 @@ def test_a_real_arm_reaches_the_floor_of_an_independent_fit() -> None:
 @pytest.mark.parametrize("robot_name", ["rb5", "panda"])
 def test_a_fit_that_goes_on_from_another_ends_where_it_would_have_ended(robot_name: str) -> None:
     dataset = simulate_dataset(
-        builtin_robot(robot_name),
-        rng=np.random.default_rng(5),
+        robot_name,
+        rng=5,
         effects=("joint_compliance",),
         visible_sigmas=3.0,
     ).dataset
@@ -242,8 +216,6 @@ def test_a_fit_that_goes_on_from_another_ends_where_it_would_have_ended(robot_na
         [s.train_rmse_mm for s in on.iteration_errors], [s.train_rmse_mm for s in alone.iteration_errors]
     )
     assert on.fit.rank == alone.fit.rank
-    assert on.before.train is not None
-    assert plain.before.train is not None
     assert on.before.train.rmse_mm == plain.before.train.rmse_mm
     # Added in two rounds, or one less again: the loads come from other links, which differ by what effects moved.
     wobbling = family_of(dataset, "transmission_error").members

@@ -10,7 +10,6 @@ from calib.calibration.model_versions import fits_same_points, versions
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.effect_selection import FitStep
 from calib.effects.catalogue import effects_for
 from calib.errors import FitError
 from calib.fitting.observations import conditions_at
@@ -20,7 +19,6 @@ from calib.planning.offered_poses import offered_poses
 from calib.rendering.numbers import parameter_label
 from calib.screening.candidates import Candidate
 from calib.simulation.simulate import simulate_dataset
-from inspector.session.transitions import Session, with_effect, with_screening, with_steps
 
 ASKED = [
     FitOptions(fixed=("a2", "beta3")),
@@ -33,9 +31,7 @@ ASKED = [
 
 @pytest.fixture(scope="module")
 def dataset() -> Dataset:
-    return simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(8), effects=[("transmission_error", 4.0)], poses=45
-    ).dataset
+    return simulate_dataset("rb5", rng=8, effects=[("transmission_error", 4.0)], poses=45).dataset
 
 
 def same_request(one: Calibration, other: Calibration) -> bool:
@@ -59,14 +55,6 @@ def test_comparison_fits_the_link_errors_alone_as_was_asked(dataset: Dataset, as
     assert same_request(versions(full)[1].calibration, full)
 
 
-@pytest.mark.slow
-def test_comparison_fits_the_link_errors_without_prior_where_that_was_asked(dataset: Dataset) -> None:
-    effects = next(f.members for f in effects_for(dataset) if f.name == "transmission_error")
-    asked = FitOptions(prior=False)
-    found = versions(calibrate(dataset, asked, effects=effects))[1].calibration
-    np.testing.assert_array_equal(found.fit.x, calibrate(dataset, asked).fit.x)
-
-
 @pytest.mark.parametrize("asked", ASKED[:4], ids=str)
 def test_comparison_takes_no_fit_that_was_asked_otherwise(dataset: Dataset, asked: FitOptions) -> None:
     assert not fits_same_points(calibrate(dataset), calibrate(dataset, asked))
@@ -88,17 +76,6 @@ def test_what_hypotheses_predict_is_what_fits_as_was_asked_predict(dataset: Data
     one, other = (hypothesis.mean * predicted.sigma_mm for hypothesis in predicted.hypotheses)
     apart = places(first, poses.q) - places(second, poses.q)
     assert np.linalg.norm(one - other - apart) < 0.3 * np.linalg.norm(apart)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("asked", ASKED[:3], ids=str)
-def test_an_effect_is_added_to_a_session_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
-    session = with_steps(Session(dataset), [FitStep("link errors", (), calibrate(dataset, asked))])
-    session = with_screening(session)
-    assert session.calibration is not None
-    added = with_effect(session, "transmission_error").calibration
-    assert added is not None
-    assert same_request(added, session.calibration)
 
 
 def test_comparison_holds_only_what_the_link_errors_have(dataset: Dataset) -> None:

@@ -40,7 +40,6 @@ def test_poses_far_off_are_found_without_any_promise_and_others_are_not() -> Non
     assert not any(found)
     dataset = arm(3)
     points = dataset.points
-    assert points is not None
     off = np.flatnonzero(dataset.poses.is_test)[::4]  # a quarter of them measured after a knock
     xyz_mm = points.xyz_mm + np.where(np.isin(points.pose, off), 1.5, 0.0)[:, None]
     far = far_test_poses(calibrate(dataset.with_points(replace(points, xyz_mm=xyz_mm))))
@@ -55,7 +54,6 @@ def test_readings_of_a_test_pose_are_averaged_as_those_of_training_poses_are() -
     """Single readings scatter twice as far as the means of four that the fit took."""
     dataset = arm(3)
     points, rng = dataset.points, np.random.default_rng(1)
-    assert points is not None
     again = np.repeat(np.arange(len(points)), 4)
     xyz_mm = points.xyz_mm[again] + rng.normal(scale=0.5, size=(len(again), 3))
     calibration = calibrate(dataset.with_points(replace(points.select(again), xyz_mm=xyz_mm)))
@@ -80,7 +78,6 @@ def test_the_promise_is_kept_where_nothing_is_missing_although_little_is_known()
 def test_test_poses_that_are_off_break_it_one_alone_does_not(noise_from: str) -> None:
     dataset = arm(3, test=30)
     points = dataset.points
-    assert points is not None
     rng = np.random.default_rng(0)
     is_test = dataset.poses.is_test[points.pose]
     further = points.xyz_mm + 0.1 * is_test[:, None] * rng.normal(size=points.xyz_mm.shape)
@@ -95,7 +92,6 @@ def test_test_poses_that_are_off_break_it_one_alone_does_not(noise_from: str) ->
 def test_a_few_test_poses_grossly_off_are_named_and_do_not_show_the_model_wrong() -> None:
     dataset = arm(3, test=30)
     points = dataset.points
-    assert points is not None
     of_test = np.flatnonzero(dataset.poses.is_test[points.pose])
     names = [dataset.poses.ids[points.pose[row]] for row in of_test]
     few, many = points.xyz_mm.copy(), points.xyz_mm.copy()
@@ -128,15 +124,12 @@ def test_a_fit_gains_nothing_over_itself_and_much_over_the_nominal_arm() -> None
     dataset = arm(2)
     fitted = calibrate(dataset)
     still = left_out_gain(fitted, fitted)
-    assert still is not None
     assert (still.share, still.standard_errors) == (0.0, 0.0)
     held = calibrate(dataset, replace(fitted.options, fixed=("d1", "a2", "a3", "theta2", "theta3", "alpha4")))
     gain = left_out_gain(held, fitted)
-    assert gain is not None
     assert gain.share > 0.3
     assert gain.standard_errors > 3.0
     back = left_out_gain(fitted, held)
-    assert back is not None
     assert back.standard_errors == pytest.approx(-gain.standard_errors)
 
 
@@ -145,8 +138,6 @@ def test_what_the_model_is_known_to_miss_counts_as_promised() -> None:
     plain = held_out_test(calibration, NOISE_MM, "dataset")
     missed = replace(learned_discrepancy(calibration), constant_mm2=3.0 * NOISE_MM**2, growth_mm2=0.0)
     wider = held_out_test(calibration, NOISE_MM, "dataset", missed)
-    assert plain is not None
-    assert wider is not None
     assert wider.rmse_mm == pytest.approx(plain.rmse_mm)
     assert wider.promised_mm**2 == pytest.approx(plain.promised_mm**2 + 9.0 * NOISE_MM**2, rel=0.1)
     assert 0.4 * plain.ratio < wider.ratio < 0.75 * plain.ratio

@@ -29,7 +29,6 @@ def undeclared(dataset: Dataset) -> Dataset:
 def repeated(dataset: Dataset, times: int = 3) -> Dataset:
     """The dataset with each pose measured `times` times, with independent noise of `NOISE_MM`."""
     points = dataset.points
-    assert points is not None
     rng = np.random.default_rng(2)
     rows = np.repeat(np.arange(len(points)), times)
     noise = NOISE_MM * rng.normal(size=(len(rows), 3))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import calibrate, load_dataset, load_model
+from calib import calibrate, load_dataset
 from calib.errors import DatasetError
 from inspector.cli.parser import main
 from tests.support.scenarios.shop import LIMITS_DEG, above_table, in_sockets
@@ -59,23 +59,6 @@ def test_the_size_of_an_arm_is_as_certain_as_the_plate_that_it_visited(tmp_path)
             scores.append(off / sigma)
     assert np.sqrt(np.mean(np.square(declared))) < 2.3  # 0.5 % of two honest scores
     assert np.sqrt(np.mean(np.square(exact))) > 3.0  # taken as exact, the plate's error is in no sigma
-
-
-@pytest.mark.thorough
-def test_errors_of_places_are_kept_with_a_model_and_told(dataset, tmp_path, capsys):
-    fitted = calibrate(dataset)
-    rows = {row["name"]: row for row in fitted.parameter_rows() if row["name"].startswith("places.")}
-    assert len(rows) == 12
-    assert {row["nominal"] for row in rows.values()} == {0.0, 80.0, 120.0}
-    assert max(row["sigma"] for row in rows.values()) < 0.12
-    fitted.save(tmp_path / "model.json")
-    model = load_model(tmp_path / "model.json")
-    q = dataset.poses.q[:5]
-    assert model.predict(q) == pytest.approx(fitted.predict(q), abs=1e-9)
-    assert main(["calibrate", str(dataset.folder), "--model", str(tmp_path / "model.json"), "--refit", "links"]) == 0
-    assert "places" in capsys.readouterr().out
-    robot = fitted.model.calibrated_robot(fitted.fit.x)
-    assert robot.parameter_names == dataset.robot.parameter_names  # places are no part of the arm
 
 
 def test_points_that_are_no_known_places_are_refused(dataset):

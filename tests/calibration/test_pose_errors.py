@@ -7,7 +7,6 @@ import pytest
 
 from calib import calibrate
 from calib.calibration.pose_errors import pose_errors_of, running_median
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.chain import target_points
 from calib.simulation.simulate import simulate_dataset
 
@@ -45,9 +44,7 @@ def test_levels_give_one_median_each_and_lone_points_none() -> None:
 
 
 def test_test_poses_are_predicted_and_lie_where_the_arm_is() -> None:
-    dataset = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(3), effects=["joint_compliance"], noise_mm=0.02
-    ).dataset
+    dataset = simulate_dataset("rb5", rng=3, effects=["joint_compliance"], noise_mm=0.02).dataset
     result = calibrate(dataset)
     pose_errors = pose_errors_of(result)
     assert pose_errors.pose_ids == dataset.poses.ids
@@ -56,7 +53,6 @@ def test_test_poses_are_predicted_and_lie_where_the_arm_is() -> None:
         (pose_errors.is_test, result.after.test),
         (~pose_errors.is_test, result.after.train),
     ):
-        assert figures is not None
         assert np.sqrt(np.mean(pose_errors.error_length_mm[role] ** 2)) == pytest.approx(figures.rmse_mm)
     frame = pose_errors.to_frame()
     assert frame["role"].tolist() == np.where(dataset.poses.is_test, "test", "train").tolist()
@@ -68,7 +64,7 @@ def test_test_poses_are_predicted_and_lie_where_the_arm_is() -> None:
 
 
 def test_noise_alone_stays_in_the_bands_as_often_as_they_say() -> None:
-    dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(5), poses=400).dataset
+    dataset = simulate_dataset("rb5", rng=5, poses=400).dataset
     pose_errors = pose_errors_of(calibrate(dataset))
     assert abs(np.mean(pose_errors.error_length_mm < pose_errors.length_noise_mm) - 0.95) < 0.04
     for joint in range(6):

@@ -128,7 +128,6 @@ def test_a_discrepancy_grows_by_the_distance_from_the_nearest_training_pose() ->
 def test_a_motion_of_the_instrument_changes_no_promise() -> None:
     dataset = simulate_dataset("rb5", rng=5, effects=["transmission_error"], poses=60, conditions=True).dataset
     points = dataset.points
-    assert points is not None
     motion = random_transform(np.random.default_rng(7))
     moved = dataset.with_points(replace(points, xyz_mm=frames.apply(motion, points.xyz_mm)))
     first, second = (promise(calibrate(each)) for each in (dataset, moved))

@@ -11,7 +11,6 @@ import pytest
 from calib import calibrate, check, diagnose
 from calib.calibration.table_doubts import doubtful_entries
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.result import Diagnosis
 from calib.present.cause.verdict import verdict
 from calib.present.fit.calibration import calibration_warnings
@@ -21,7 +20,7 @@ from calib.simulation.simulate import simulate_dataset
 
 def measured_arm(robot: str = "rb5", seed: int = 0) -> Dataset:
     rng = np.random.default_rng(seed)
-    return simulate_dataset(builtin_robot(robot), rng=rng, poses=50, noise_mm=0.05).dataset
+    return simulate_dataset(robot, rng=rng, poses=50, noise_mm=0.05).dataset
 
 
 def with_another_table(dataset: Dataset, entry: str, by: float) -> Dataset:

@@ -118,7 +118,6 @@ def test_a_curve_over_a_further_column_is_predicted_elsewhere_too() -> None:
     poses = replace(cell.poses, extra=pd.DataFrame({"pressure_bar": pressure_bar}))
     cell = replace(cell.with_points(replace(cell.points, xyz_mm=xyz_mm)), poses=poses)
     learned = learn_joint_curves(calibrate(cell))
-    assert learned is not None
     assert learned.inputs == ("pressure_bar",)
     fitted = calibrate(cell, effects=learned.members)
     covariance = prediction_covariance(fitted, poses.q[:2])

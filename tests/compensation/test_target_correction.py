@@ -403,7 +403,6 @@ def test_the_command_refuses_in_one_line(capsys: pytest.CaptureFixture[str], cel
     assert "no row below the header" in refused(cell, empty)
     # A calibration that made the test poses worse is not put on a robot, unless forced.
     dataset = load_dataset(cell)
-    assert dataset.points is not None
     nominal = elementary_points(dataset.robot, dataset.poses.q)
     is_test = dataset.poses.is_test
     xyz = np.where(is_test[:, None], nominal, dataset.points.xyz_mm)
@@ -502,8 +501,6 @@ def test_full_poses_know_the_attitude_that_points_do_not() -> None:
     poses = FittedModel.of(calibrate(dataset, FitOptions("pose"))).correct(q)
     points = FittedModel.of(calibrate(dataset)).correct(q)
     assert (poses.kind, points.kind) == ("pose", "position")
-    assert poses.attitude_sigma_rad is not None
-    assert points.attitude_sigma_rad is not None
     assert poses.attitude_sigma_rad.max() < 1e-3 < points.attitude_sigma_rad.min()
     for correction, least in (
         (poses, 0.85),
@@ -546,11 +543,9 @@ def test_the_promised_sigma_is_that_of_an_unseen_pose_and_grows_outside() -> Non
     dataset = simulate_dataset("rb5", rng=3, effects=["fine_ripple"], poses=60).dataset
     fit = calibrate(dataset)
     corrected = fit.correct(dataset.poses.q, dataset.poses, "position")
-    assert corrected.sigma_mm is not None
     of_poses = np.sqrt(np.mean(promise(fit).sigma_mm ** 2, axis=1))  # one point a pose
     assert np.median(corrected.sigma_mm / of_poses) == pytest.approx(1.0, abs=0.1)
     far = fit.correct(dataset.poses.q[:5] + np.radians(60.0), dataset.poses.select(np.arange(5)), "position")
-    assert far.sigma_mm is not None
     assert far.sigma_mm.mean() > corrected.sigma_mm.mean()
     assert "promised error" in far.summary()
     assert far.to_dict()["targets"][0]["sigma_mm"] == pytest.approx(far.sigma_mm[0])

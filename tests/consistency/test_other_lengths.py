@@ -40,7 +40,6 @@ def test_two_lengths_of_another_size_are_told_and_no_effect_is_named(tmp_path: P
     origins = list(told.origins)
     origins[4] = ((0.0, 0.0, 0.465), origins[4][1])
     found = diagnose(imported(tmp_path, replace(told, origins=tuple(origins)), seed=31))
-    assert found.data_problem is not None
     assert found.data_problem.kind == "robot_table"
     assert found.verdict == "unexplained"
     assert not found.missing
@@ -55,7 +54,6 @@ def test_two_lengths_of_another_size_are_told_and_no_effect_is_named(tmp_path: P
 def test_a_zero_that_was_set_wrong_is_told_beside_link_errors(tmp_path: Path, joint: int, off_deg: float) -> None:
     fit = calibrate(imported(tmp_path, with_origin(joint, turned_deg=off_deg), seed=32 + joint))
     found = leading_entry(fit)
-    assert found is not None
     assert f"theta{joint}" in (found.parameter, *found.rivals)
     assert abs(found.off) == pytest.approx(np.radians(abs(off_deg)), abs=np.radians(0.2))
     assert found.corrected_mm < 0.5 * found.delivered_mm

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.dataset.files.robot_toml import load_robot_toml
-from inspector.cli.parser import main
-from tests.support.recorded_run import ROWS, ZERO_DEG, recorded_run, robot_toml, tool_mm
+from tests.support.recorded_run import ROWS, ZERO_DEG, robot_toml
 
 NOMINAL = (0.0,) * len(ROWS)
 
@@ -62,30 +60,3 @@ def test_columns_of_the_controllers_tool_are_found() -> None:
     assert own_pose_columns(rtde) == ("actual_TCP_pose_0", "actual_TCP_pose_1", "actual_TCP_pose_2")
     assert own_pose_columns(["q1", "tcp_x", "tcp_y", "tcp_z", "tcp_rx"]) == ("tcp_x", "tcp_y", "tcp_z")
     assert own_pose_columns(["x", "y", "z", "laser_x", "laser_y", "laser_z"]) is None
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("zero_deg", "says"), [(NOMINAL, "agree with the robot's table"), (ZERO_DEG, "disagree by ")])
-@pytest.mark.parametrize("form", ["a table of poses", "a recording"])
-def test_import_says_whether_controller_and_table_are_one(
-    form: str, zero_deg: tuple[float, ...], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "robot.toml").write_text(robot_toml())
-    run = recorded_run(np.random.default_rng(6), 24, joint_hz=30.0, point_hz=30.0, offset_s=0.0)
-    is_table = form == "a table of poses"
-    q = run.stops_q if is_table else run.q
-    points = (
-        run.stops_mm if is_table else np.column_stack([np.interp(run.joint_s, run.point_s, p) for p in run.xyz_mm.T])
-    )
-    own = tool_mm(q, zero_deg) / 1e3
-    names = [*(f"actual_q_{k}" for k in range(6)), "x_mm", "y_mm", "z_mm", *(f"actual_TCP_pose_{k}" for k in range(3))]
-    rows = np.column_stack([q, points, own])
-    if not is_table:
-        names, rows = ["timestamp", *names], np.column_stack([run.joint_s, rows])
-    with (tmp_path / "log.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([names, *rows.tolist()])
-    given = ["--robot", str(tmp_path / "robot.toml"), "--joints", str(tmp_path / "log.csv")]
-    assert main(["import", str(tmp_path / "made"), *given]) == 0
-    out = capsys.readouterr()
-    assert says in (out.out if zero_deg == NOMINAL else out.err)
-    assert ("use different tables" in out.err) == (zero_deg != NOMINAL)

@@ -128,7 +128,6 @@ def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances
         "print(found.xyz_mm.tobytes().hex(), found.covariance_mm2.tobytes().hex())"
     )
     corner = search_file(dataset.scan_path(0), Jig(), 0.02).corner
-    assert corner is not None
     threads = {"OPENBLAS_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}  # conftest.py sets 1
     said = subprocess.run(
         [sys.executable, "-c", code, str(copy)],
@@ -247,7 +246,6 @@ def test_the_command_finds_the_same_with_any_number_of_processes(
 def test_processes_leave_an_interrupt_to_the_one_that_started_them() -> None:
     before = signal.getsignal(signal.SIGINT)
     with processes(10, 2) as executor:
-        assert executor is not None
         assert signal.getsignal(signal.SIGINT) is before
         heard = [executor.submit(signal.getsignal, signal.SIGINT) for _ in range(4)]
         assert {one.result() for one in heard} == {signal.SIG_IGN}

@@ -117,7 +117,6 @@ def test_an_error_that_all_scans_share_does_not_make_a_square_jig_look_unsquare(
     for _ in range(5):
         shared = 4e-5 * np.tile([0.0, 1.0, 0.0], 3)
         _, angles = with_common_angles({str(k): measured((90.0, 90.0, 90.0), rng, shared) for k in range(100)}, Jig())
-        assert angles is not None
         unsquare += angles.held == "scans"
     assert unsquare == 0
 
@@ -127,7 +126,6 @@ def test_one_scan_that_is_far_off_is_left_free_and_named() -> None:
     corners = {f"p{k}": measured((90.0, 90.0, 90.0), rng) for k in range(20)}
     corners["p7"] = measured((90.9, 89.2, 90.6), rng)
     held, angles = with_common_angles(corners, Jig())
-    assert angles is not None
     assert angles.outlying == ("p7",)
     assert angles.held == "jig"
     np.testing.assert_array_equal(held["p7"].xyz_mm, corners["p7"].xyz_mm)

@@ -68,7 +68,6 @@ def test_the_kernel_of_the_pixels_is_learned_and_taken_off() -> None:
     local, normals, face = _camera(np.outer(share, share), 1.1 / 700, rng, sigma_mm=0.01)
     planes = _true_planes(local, normals, face, 0.01)
     mixed = find_mixed_pixels(local, planes, ORIGIN, JIG, OUTLINE)
-    assert mixed is not None
     assert mixed.faces.any()
     assert mixed.grid.pitch_rad == pytest.approx(1.1 / 700, rel=0.01)
     assert mixed.shares == pytest.approx([0.77 * 0.115, 0.115**2, 0.0], abs=0.01)
@@ -96,7 +95,6 @@ def test_steep_coarsely_scanned_faces_come_near_the_bound(monkeypatch: pytest.Mo
         for seed in (0, 1, 2, 4, 5, 6, 7):  # 3 has 31 points on that face, and is refused
             made = _steep_scan(seed)
             corner = find_corner(made.scan, JIG, scan_sigma_mm=0.02).corner
-            assert corner is not None
             found.append(np.linalg.norm(corner.xyz_mm - made.apex_mm) / made.bound_mm)
         return np.array(found)
 

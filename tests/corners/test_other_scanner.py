@@ -57,7 +57,6 @@ def test_a_sticker_moves_the_corner_no_farther_than_the_covariance_says() -> Non
     for seed in (0, 1):
         made, jig, sigma_mm = KINDS["sticker 0.3"].scan("sticker 0.3", seed)
         corner = find_corner(made.scan, jig, scan_sigma_mm=sigma_mm).corner
-        assert corner is not None
         error = corner.xyz_mm - made.apex_mm
         assert error @ np.linalg.solve(corner.covariance_mm2, error) < 25
         assert np.linalg.norm(error) < 0.3

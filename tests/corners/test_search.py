@@ -71,7 +71,6 @@ def test_faces_that_mirror_each_other_do_not_hide_the_jig(share: float) -> None:
     rng = np.random.default_rng(0)
     scene = reflections(make_scene(rng, 12_000, convex=False), rng, share)
     found = find_corner(scene.scan, Jig(convex=False), scan_sigma_mm=0.02).corner
-    assert found is not None
     error = found.xyz_mm - scene.apex_mm
     assert np.linalg.norm(error) < 4 * scene.bound_mm
     assert error @ np.linalg.solve(found.covariance_mm2, error) < 25
@@ -192,8 +191,6 @@ def moved_rigidly(seed: int, turn: tuple[float, float, float], shift: float) -> 
     rotation = Rotation.from_rotvec(turn).as_matrix()
     before = search(scene.scan.points_mm).corner
     after = search((scene.scan.points_mm + shift) @ rotation.T).corner
-    assert before is not None
-    assert after is not None
     off_mm = np.linalg.norm(after.xyz_mm - rotation @ (before.xyz_mm + shift))
     turned = rotation @ before.covariance_mm2 @ rotation.T
     return float(off_mm / scene.bound_mm), float(np.abs(after.covariance_mm2 - turned).max() / np.trace(turned))
@@ -229,15 +226,12 @@ def test_the_order_of_the_points_changes_nothing_beyond_the_noise(seed: int) -> 
     scene = make_scene(np.random.default_rng(seed), 10_000, rotation=grazing(np.random.default_rng(seed), 50))
     order = np.random.default_rng(seed).permutation(len(scene.label))
     first, second = search(scene.scan.points_mm).corner, search(scene.scan.points_mm[order]).corner
-    assert first is not None
-    assert second is not None
     assert np.linalg.norm(first.xyz_mm - second.xyz_mm) < 0.3 * scene.bound_mm
 
 
 def test_every_intermediate_product_is_kept() -> None:
     scene = make_scene(np.random.default_rng(3), 12_000)
     found = find_corner(scene.scan, JIG)
-    assert found.corner is not None
     counts = found.filter_counts()
     assert counts["drawn"] == sum(counts.values()) - counts["drawn"] == 2000
     assert min(counts.values()) > 0
@@ -319,7 +313,6 @@ def test_rows_without_depth_change_nothing() -> None:
     scene = make_scene(np.random.default_rng(4), 12_000)
     holes = np.vstack([scene.scan.points_mm, np.full((500, 3), np.nan)])
     corner = search(holes).corner
-    assert corner is not None
     assert np.linalg.norm(corner.xyz_mm - scene.apex_mm) < 4 * scene.bound_mm
 
 

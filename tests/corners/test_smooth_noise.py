@@ -116,12 +116,6 @@ def test_a_wall_shows_waves_as_long_as_the_jig() -> None:
 
 
 @pytest.mark.slow
-def test_a_flat_wall_leaves_white_noise_white() -> None:
-    found = [corner(seed).quality.smooth_factor for seed in range(8)]
-    assert np.median(found) < 1.1
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("bent_mm", [0.05, 0.5])
 def test_a_wall_that_is_bowed_by_itself_is_not_taken_for_the_scanner(bent_mm: float) -> None:
     found = [corner(seed, bent_mm=bent_mm).quality.smooth_factor for seed in range(6)]
@@ -134,8 +128,6 @@ def test_what_is_declared_of_the_scanner_is_the_least_that_a_corner_has() -> Non
     for smooth_mm in (0.0, 0.1):
         bare = corner(3, smooth_mm=smooth_mm, wall=False).free
         held = corner(3, smooth_mm=smooth_mm, wall=False, declared=declared).free
-        assert bare is not None
-        assert held is not None
         assert held.sigma_mm() == pytest.approx(max(bare.sigma_mm(), 0.03), rel=0.25)
         assert np.linalg.norm(held.xyz_mm - bare.xyz_mm) < held.sigma_mm()
     along = APEX / np.linalg.norm(APEX)
@@ -201,8 +193,6 @@ def test_joined_views_of_undeclared_registration_are_noticed(seed: int, views: i
     points, apex_mm = joined(rng, views, 0.03)
     found = find_corner(Scan("joined", points[rng.random(len(points)) < kept]), Jig(), scan_sigma_mm=0.02).corner
     single = find_corner(make_scene(rng).scan, Jig(), scan_sigma_mm=0.02).corner
-    assert found is not None
-    assert single is not None
     assert any("several views that were joined" in doubt for doubt in found.quality.doubts())
     assert not any("joined" in doubt for doubt in single.quality.doubts())
     error = found.xyz_mm - apex_mm
@@ -215,7 +205,6 @@ def test_means_over_cells_hide_how_views_were_joined(cell_mm: float) -> None:
     points, apex_mm = joined(np.random.default_rng(9), 2, 0.03, rays=20_000)
     means = one_per_cell(points, cell_mm)
     found = find_corner(Scan("means", means), Jig(), scan_sigma_mm=0.02).corner
-    assert found is not None
     assert any("joined" in doubt for doubt in found.quality.doubts())
     error = found.xyz_mm - apex_mm
     assert error @ np.linalg.solve(found.covariance_mm2, error) < 12

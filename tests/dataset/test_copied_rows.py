@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calib import diagnose
 from calib.dataset.dataset import Dataset, Points
-from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset.repeats import average_repeats, find_repeats, pooled_sigma_mm
 from calib.simulation.simulate import simulate_dataset
 
@@ -50,8 +47,7 @@ def with_rows(dataset: Dataset, poses: np.ndarray, xyz_mm: np.ndarray, prefix: s
 def datasets() -> tuple[Dataset, Dataset]:
     """Datasets of an arm without effects: with some poses measured twice, and with other rows copied as well."""
     rng = np.random.default_rng(1)
-    simulated = simulate_dataset(builtin_robot("rb5"), rng=rng, effects=(), poses=60, noise_mm=0.05).dataset
-    assert simulated.points is not None
+    simulated = simulate_dataset("rb5", rng=rng, effects=(), poses=60, noise_mm=0.05).dataset
     assert np.array_equal(simulated.points.pose, np.arange(len(simulated.poses)))
     training = np.flatnonzero(simulated.poses.role == "train")
     twice, copied = training[:REPEATED], training[REPEATED:][:COPIED]
@@ -75,19 +71,8 @@ def test_the_verdict_stays(datasets: tuple[Dataset, Dataset]) -> None:
 
 def test_a_mean_counts_each_measurement_once(datasets: tuple[Dataset, Dataset]) -> None:
     honest = datasets[0]
-    assert honest.points is not None
     again = np.flatnonzero([name.startswith("again ") for name in honest.poses.ids])
     copied = with_rows(honest, again, honest.points.xyz_mm[again], "copy ")
     one, other = average_repeats(honest).points, average_repeats(copied).points
-    assert one is not None
-    assert other is not None
     np.testing.assert_array_equal(one.xyz_mm, other.xyz_mm)
     np.testing.assert_array_equal(one.counts_as, other.counts_as)
-
-
-def test_it_is_said(datasets: tuple[Dataset, Dataset], tmp_path: Path) -> None:
-    write_dataset(datasets[1], tmp_path / "cell")
-    (said,) = load_dataset(tmp_path / "cell").warnings
-    assert "to the last digit" in said
-    assert f"and {len(datasets[1].poses) - 60 - REPEATED - 1} more rows do alike" in said
-    assert "a copied row counts once and is no repeat" in said

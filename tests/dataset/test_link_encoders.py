@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calib import calibrate, diagnose
+from calib import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.models.model_file import load_model
-from calib.present.cause.diagnosis import diagnosis_document
-from calib.strict_json import to_json
 from tests.support.mujoco_arm import mujoco
 from tests.support.signal_cell import COMPLIANCE, Measured, measured, write
 
@@ -79,17 +76,6 @@ def test_without_masses_the_difference_is_still_explained(cell: Measured, tmp_pa
     encoder = write(tmp_path / "cell", cell, columns(cell, (1,))).robot.link_encoders[0]
     assert [term.law for term in encoder.terms] == ["unknown_masses"]
     assert encoder.left_rad < 0.02 * encoder.rms_rad
-
-
-@pytest.mark.thorough
-def test_diagnosis_tells_of_the_drives_and_misses_nothing(dataset: Dataset) -> None:
-    diagnosis = diagnose(dataset)
-    assert (diagnosis.verdict, diagnosis.missing) == ("adequate", ())
-    document = json.loads(to_json(diagnosis_document(diagnosis, None)))
-    assert [(one["joint"], one["causes"][0]["cause"]) for one in document["drives"]] == [
-        (2, "joint_compliance"), (3, "joint_compliance"), (5, "transmission_error"),
-    ]  # fmt: skip
-    assert "its link is off from its motor by" in document["explanation"]
 
 
 def test_a_column_of_another_sign_is_not_used(cell: Measured, tmp_path: Path) -> None:

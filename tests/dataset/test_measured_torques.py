@@ -73,7 +73,6 @@ def test_diagnosis_names_compliance_and_says_that_the_torque_was_measured(tmp_pa
     document = json.loads(to_json(diagnosis_document(diagnosis, None)))
     assert [load["column"] for load in document["measured_loads"]] == ["torque2_nm", "torque3_nm"]
     test = diagnosis.calibration.after.test
-    assert test is not None
     assert test.rmse_mm < 0.15
 
 

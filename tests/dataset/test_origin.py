@@ -38,14 +38,6 @@ def test_model_and_session_carry_hashes_that_any_tool_computes_and_the_command(m
         assert origin.program_version
 
 
-@pytest.mark.thorough
-def test_a_report_carries_and_shows_them(made: Path) -> None:
-    assert main(["report", str(made / "arm"), "--out", str(made / "r.html")]) == 0
-    assert read_origin(made / "r.html").files == read_origin(made / "model.json").files
-    shown = (made / "r.html").read_text(encoding="utf-8")
-    assert shown.count(read_origin(made / "r.html").files["poses.csv"]) == 2  # in the table, and for `verify`
-
-
 def test_verify_tells_the_same_files_from_others(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

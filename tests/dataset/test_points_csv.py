@@ -46,14 +46,12 @@ def warnings_of(folder: Path, dataset: Dataset) -> Sequence[str]:
 )
 def test_another_unit_is_told_and_nothing_is_scaled(tmp_path: Path, arm: str, in_mm: float, says: str) -> None:
     dataset = measured(arm)
-    assert dataset.points is not None
     turn = Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix()
     xyz = (dataset.points.xyz_mm @ turn.T + [1500.0, -200.0, 3000.0]) / in_mm
     (warning,) = warnings_of(tmp_path, with_points(dataset, xyz))
     assert says in warning
     assert str(tmp_path / "points.csv") in warning
     loaded = load_dataset(tmp_path).points
-    assert loaded is not None
     np.testing.assert_array_equal(loaded.xyz_mm, xyz)
 
 
@@ -61,14 +59,12 @@ def test_another_unit_is_told_and_nothing_is_scaled(tmp_path: Path, arm: str, in
 def test_points_in_millimetres_are_not_doubted(tmp_path: Path, factor: float) -> None:
     """An arm of another size gives no warning on units either; the fit shows it."""
     dataset = measured()
-    assert dataset.points is not None
     assert warnings_of(tmp_path, with_points(dataset, factor * dataset.points.xyz_mm)) == ()
 
 
 def test_two_setups_far_apart_are_millimetres_all_the_same(tmp_path: Path) -> None:
     """The distance between two setups is no part of the points' spread."""
     dataset = measured()
-    assert dataset.points is not None
     poses = replace(dataset.poses, setup=np.array(["left", "right"] * (len(dataset.poses) // 2)))
     far = np.where(poses.setup[dataset.points.pose] == "right", 1e6, 0.0)[:, None]
     dataset = with_points(replace(dataset, poses=poses), dataset.points.xyz_mm + far)
@@ -106,7 +102,6 @@ def test_the_same_coordinates_at_another_pose_are_a_copy_too_but_not_of_another_
     tmp_path: Path,
 ) -> None:
     dataset = measured()
-    assert dataset.points is not None
     xyz = dataset.points.xyz_mm.copy()
     xyz[5] = xyz[2]
     (warning,) = warnings_of(tmp_path, with_points(dataset, xyz))
@@ -119,7 +114,6 @@ def test_the_same_coordinates_at_another_pose_are_a_copy_too_but_not_of_another_
 
 def test_places_that_many_poses_share_are_sockets_and_no_copies(tmp_path: Path) -> None:
     dataset = measured()
-    assert dataset.points is not None
     xyz_mm = dataset.points.xyz_mm.copy()
     half = len(xyz_mm) // 2
     xyz_mm[:half], xyz_mm[half:] = (0.0, 0.0, 0.0), (500.0, 0.0, 0.0)
@@ -160,15 +154,12 @@ def test_a_covariance_that_no_instrument_has(tmp_path: Path, sigma_mm: Sequence[
 def test_a_covariance_that_one_may_have_is_read(tmp_path: Path, sigma_mm: Sequence[float]) -> None:
     write_dataset(with_sigmas(measured(), sigma_mm, 4), tmp_path)
     loaded = load_dataset(tmp_path).points
-    assert loaded is not None
-    assert loaded.covariance_mm2 is not None
     found = np.sqrt(np.linalg.eigvalsh(loaded.covariance_mm2[4]))
     np.testing.assert_allclose(found, np.sort(sigma_mm), rtol=1e-5)
 
 
 def test_a_place_beyond_any_is_refused(tmp_path: Path) -> None:
     dataset = measured()
-    assert dataset.points is not None
     xyz = dataset.points.xyz_mm.copy()
     xyz[3, 1] = -1e200
     write_dataset(with_points(dataset, xyz), tmp_path)

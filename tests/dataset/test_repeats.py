@@ -47,8 +47,6 @@ def test_a_dataset_without_repeats_is_returned_itself() -> None:
 def test_mean_covariance_and_noise_of_repeats() -> None:
     dataset = repeated(plain(), 5, np.random.default_rng(1), noise_mm=0.05)
     found = average_repeats(dataset)
-    assert found.points is not None
-    assert dataset.points is not None
     assert len(found.points) == 6
     assert found.poses.ids == dataset.poses.ids
     np.testing.assert_array_equal(found.points.pose, np.arange(6) * 5)
@@ -70,7 +68,6 @@ def test_repeats_are_tested_against_their_own_covariances() -> None:
         covariance = np.broadcast_to(said_mm**2 * np.eye(3), (30, 3, 3))
         repeats = replace(dataset, points=replace(dataset.points, covariance_mm2=covariance))
         found = scatter_against_covariances(repeats)
-        assert found is not None
         assert found.dof == 3 * 6 * 4
         assert found.ratio == pytest.approx(ratio, rel=0.3)
         assert (found.p_value < 1e-6) == (ratio > 1)
@@ -80,17 +77,14 @@ def test_repeats_are_tested_against_their_own_covariances() -> None:
 
 def test_rows_of_one_pose_are_repeats_too() -> None:
     dataset = plain()
-    assert dataset.points is not None
     rows = np.repeat(np.arange(6), 3)
     found = average_repeats(dataset.with_points(dataset.points.select(rows)))
-    assert found.points is not None
     np.testing.assert_array_equal(found.points.pose, np.arange(6))
     np.testing.assert_allclose(found.points.xyz_mm, dataset.points.xyz_mm, atol=1e-10)
 
 
 def test_one_stand_that_was_measured_often_counts_as_the_others() -> None:
     dataset = plain()
-    assert dataset.points is not None
     often = dataset.points.select(np.array([0] * 30 + [1, 2, 3, 4, 5]))
     noise_mm = 0.05 * np.random.default_rng(0).normal(size=often.xyz_mm.shape)
     found = average_repeats(dataset.with_points(replace(often, xyz_mm=often.xyz_mm + noise_mm)))
@@ -136,7 +130,6 @@ def test_a_slow_warming_at_one_place_is_several_repeat_groups() -> None:
 def in_rounds(drift_mm: float) -> Dataset:
     """Dataset of eight places visited in five rounds, all points shifted by `drift_mm` along x from round to round."""
     dataset = repeated(plain(8), 5, np.random.default_rng(2), noise_mm=0.05, rounds=True)
-    assert dataset.points is not None
     points = dataset.points.xyz_mm + drift_mm * np.repeat(np.arange(5), 8)[:, None] * np.array([1.0, 0.0, 0.0])
     timed = replace(dataset.poses, time_s=np.arange(40) * 30.0)
     return replace(dataset.with_points(replace(dataset.points, xyz_mm=points)), poses=timed)
@@ -158,8 +151,6 @@ def test_the_mean_of_time_and_temperature() -> None:
         temperature_c=np.repeat(np.arange(6.0), 4) + np.tile([0.0, 0.1, 0.0, 0.1], 6),
     )
     found = average_repeats(replace(dataset, poses=timed)).poses
-    assert found.time_s is not None
-    assert found.temperature_c is not None
     np.testing.assert_allclose(found.time_s[::4], np.arange(6) * 4 + 1.5)
     np.testing.assert_allclose(found.temperature_c[::4], np.arange(6) + 0.05)
 
@@ -180,7 +171,6 @@ def test_the_reference_pose_keeps_the_mean_of_its_group() -> None:
     role = dataset.poses.role.copy()
     role[0], role[5] = "train", "reference"
     found = average_repeats(replace(dataset, poses=replace(dataset.poses, role=role)))
-    assert found.points is not None
     np.testing.assert_array_equal(found.points.pose, [0, 5, 6, 9, 12, 15])
 
 
@@ -196,15 +186,12 @@ def test_orientations_are_averaged() -> None:
     covariance = np.broadcast_to(1e-4 * np.eye(3), (18, 3, 3))
     points = replace(dataset.points, orientations=Orientations(repeats, covariance))
     found = average_repeats(dataset.with_points(points))
-    assert found.points is not None
-    assert found.points.orientations is not None
     got = found.points.orientations.scanner_R_jig
     np.testing.assert_array_equal(found.points.orientations.known, [True, False, True, True, True, True])
     for k in (0, 2, 3, 4, 5):
         rows = [i for i in range(3 * k, 3 * k + 3) if np.isfinite(repeats[i]).all()]
         np.testing.assert_allclose(got[k], Rotation.from_matrix(repeats[rows]).mean().as_matrix(), atol=1e-9)
     turn = Observations.of(found).turn_covariance_rad2
-    assert turn is not None
     np.testing.assert_allclose(turn[0], 1e-4 / 2.0 * np.eye(3))
     np.testing.assert_allclose(turn[2], 1e-4 / 3.0 * np.eye(3))
 
@@ -212,16 +199,13 @@ def test_orientations_are_averaged() -> None:
 def test_a_pose_is_left_out_with_its_repeats() -> None:
     dataset = repeated(plain(), 3, np.random.default_rng(8), noise_mm=0.05)
     left = without_poses(dataset, [dataset.poses.ids[3]])
-    assert left.points is not None
     assert not np.any(np.isin(left.points.pose, [3, 4, 5]))
     assert len(find_repeats(left)) == 5
 
 
 def test_a_row_written_twice_counts_once() -> None:
     dataset = plain()
-    assert dataset.points is not None
     found = average_repeats(dataset.with_points(dataset.points.select(np.tile(np.arange(6), 2))))
-    assert found.points is not None
     assert found.points.counts_as is not None
     np.testing.assert_array_equal(found.points.counts_as, np.ones(6))
 
@@ -231,7 +215,6 @@ def test_targets_measured_one_after_the_other_are_of_one_repeat_group() -> None:
     assert dataset.points is not None
     names = np.tile(["smr1", "smr2", "smr3"], 6)
     found = average_repeats(dataset.with_points(replace(dataset.points, target=names)))
-    assert found.points is not None
     np.testing.assert_array_equal(found.points.pose, np.repeat(np.arange(6) * 3, 3))
     np.testing.assert_array_equal(found.points.target, names)
     np.testing.assert_array_equal(found.points.counts_as, np.ones(18))

@@ -67,8 +67,6 @@ def in_rad_and_m(folder: Path, *, angle: bool = True, length: bool = True) -> No
 
 
 def same(one: Dataset, other: Dataset) -> None:
-    assert one.points is not None
-    assert other.points is not None
     np.testing.assert_allclose(one.poses.q, other.poses.q, atol=1e-12)
     np.testing.assert_allclose(one.points.xyz_mm, other.points.xyz_mm, atol=1e-9)
     assert one.points.covariance_mm2 is not None
@@ -93,8 +91,6 @@ def test_rad_and_m_are_read_as_declared_or_named_and_written_back_in_deg_and_mm(
     assert "units" not in (tmp_path / "again" / "dataset.toml").read_text()
     same(load_dataset(tmp_path / "again"), given)
     rmse_mm = [calibrate(dataset).after.test for dataset in (given, found)]
-    assert rmse_mm[0] is not None
-    assert rmse_mm[1] is not None
     assert rmse_mm[1].rmse_mm == pytest.approx(rmse_mm[0].rmse_mm, rel=1e-6)
 
 
@@ -193,10 +189,6 @@ def test_a_quaternion_is_read_by_its_columns_names_or_in_the_declared_order(
         declare(folder, quaternion=declared)
     dataset = load_dataset(folder)
     assert dataset.warnings == ()
-    assert given is not None
-    assert dataset.points is not None
-    assert given.orientations is not None
-    assert dataset.points.orientations is not None
     np.testing.assert_allclose(dataset.points.orientations.scanner_R_jig, given.orientations.scanner_R_jig, atol=1e-12)
 
 

@@ -84,7 +84,6 @@ def test_targets_that_stand_or_are_of_no_link_are_left_out(tmp_path: Path, capsy
     out = capsys.readouterr()
     assert "points that stand still are left out: nest" in out.out
     assert "target hand is fixed to no link of this arm" in out.err
-    assert dataset.points is not None
     assert set(dataset.points.target) == {"jig"}
 
 
@@ -93,7 +92,6 @@ def test_columns_at_one_place_are_repeats(tmp_path: Path) -> None:
     head = ["pose", *J, *(f"{axis}{k}" for k in (1, 2) for axis in "xyz")]
     rows = [[IDS[i], *np.degrees(Q[i]), *seen[0][i], *seen[1][i]] for i in range(32)]
     dataset = made(tmp_path, "--joints", csv(tmp_path / "t.csv", [head, *rows]))
-    assert dataset.points is not None
     assert set(dataset.points.target) == {"jig"}
     assert len(dataset.points) == 64
 

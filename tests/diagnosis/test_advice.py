@@ -10,7 +10,6 @@ import pytest
 from calib import calibrate, screen
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.advice import Advice, advice_on
 from calib.diagnosis.diagnose import Model, next_move
 from calib.diagnosis.headline import held_out_beyond_noise
@@ -38,8 +37,8 @@ from calib.simulation.simulate import simulate_dataset
 
 def fitted(*effects: str, seed: int = 4) -> tuple[Calibration, Screening, ResidualTests]:
     dataset = simulate_dataset(
-        builtin_robot("rb5"),
-        rng=np.random.default_rng(seed),
+        "rb5",
+        rng=seed,
         effects=[(name, 4.0) for name in effects],
         conditions=True,
         poses=50,
@@ -131,7 +130,6 @@ def test_poses_that_stand_out_are_to_be_left_out(
     clean: tuple[Calibration, Screening, ResidualTests],
 ) -> None:
     dataset = clean[0].dataset
-    assert dataset.points is not None
     xyz_mm = dataset.points.xyz_mm.copy()
     xyz_mm[7] += [0.0, 2.0, 0.0]
     pose = dataset.poses.ids[dataset.points.pose[7]]
@@ -180,7 +178,6 @@ def test_where_two_causes_differ_most_they_do_differ(
 ) -> None:
     result, screening, _ = hidden
     rival = nearest_alternative(screening, "transmission_error")
-    assert rival is not None
     assert rival.name != "transmission_error"
     best = screening.candidates[0]
     poses = discriminating_poses(result, (best, rival), count=3, offered=200)

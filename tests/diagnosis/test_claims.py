@@ -10,7 +10,6 @@ import pytest
 
 from calib import calibrate, diagnose, screen
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import refusal
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
 from calib.diagnosis.verdict import ConfoundedSet, Refusal
@@ -27,15 +26,12 @@ from tests.support.findings import concluded
 
 
 def simulated(effects: list[tuple[str, float]], seed: int = 3) -> Dataset:
-    return simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(seed), effects=effects, conditions=True, poses=64
-    ).dataset
+    return simulate_dataset("rb5", rng=seed, effects=effects, conditions=True, poses=64).dataset
 
 
 def with_unknown_cause(dataset: Dataset, size_mm: float = 0.3) -> Dataset:
     """The measured points moved along the scanner's x with joint 2: no effect of the catalogue does that."""
     points = dataset.points
-    assert points is not None
     along = size_mm * np.sin(3.0 * dataset.poses.q[points.pose, 1])
     return dataset.with_points(replace(points, xyz_mm=points.xyz_mm + along[:, None] * np.array([1.0, 0.0, 0.0])))
 
@@ -183,7 +179,6 @@ def test_a_further_effect_has_to_help_poses_that_its_fit_did_not_see() -> None:
         worse = refusal(
             best, screening, after, before, further=further, strict=further
         )  # the test poses get much worse
-        assert worse is not None
         assert worse.why == "test poses"
         assert (refusal(useless, screening, before, after, further=further, strict=further) is not None) is further
     is_test = before.after.is_test[before.after.pose]
@@ -192,12 +187,10 @@ def test_a_further_effect_has_to_help_poses_that_its_fit_did_not_see() -> None:
     error_mm[is_test] *= np.where(grows, 1.1, 0.95)[:, None]  # worse on average, within the scatter
     little = replace(before, after=replace(before.after, error_mm=error_mm))
     refused = refusal(best, screening, before, little, further=True, strict=True)
-    assert refused is not None
     assert refused.why == "test poses"
     nowhere = refusal(
         best, screening, before, before, further=False, strict=False
     )  # no pose that was left out gains by it
-    assert nowhere is not None
     assert nowhere.why == "no gain"
     assert not nowhere.leaves_doubt
 
@@ -212,7 +205,7 @@ def test_where_a_further_effect_is_refused_what_is_left_decides() -> None:
 
 def twenty_four_poses(seed: int) -> Dataset:
     return simulate_dataset(
-        builtin_robot("panda"), rng=np.random.default_rng(seed), effects=[("transmission_error", 4.0)],
+        "panda", rng=seed, effects=[("transmission_error", 4.0)],
         conditions=True, poses=24,
     ).dataset  # fmt: skip
 

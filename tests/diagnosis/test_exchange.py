@@ -10,7 +10,6 @@ import pytest
 from calib import calibrate
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import predicts_worse
 from calib.diagnosis.diagnose import Model, next_move
 from calib.diagnosis.effect_selection import FitStep, candidate_of
@@ -61,7 +60,7 @@ BLEND = Bumps("blend", (1.0, 1.0, 1.0))
 
 def measured_with(*effects: tuple[Bumps, float]) -> Dataset:
     """Dataset of an arm of which some joints err by bumps."""
-    dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(2), poses=80, noise_mm=0.05).dataset
+    dataset = simulate_dataset("rb5", rng=2, poses=80, noise_mm=0.05).dataset
     error_rad = np.zeros((len(dataset.poses), 3))
     for bumps, size_rad in effects:
         error_rad += size_rad * bumps.error_rad(dataset.poses.q)

@@ -101,7 +101,7 @@ def test_a_part_that_grows_with_the_angle_is_not_claimed_beside_an_open_cause_on
 
 
 def test_friction_that_never_slips_is_no_friction() -> None:
-    dataset = simulate_dataset("rb5", rng=np.random.default_rng(1), poses=40).dataset
+    dataset = simulate_dataset("rb5", rng=1, poses=40).dataset
     family = family_of(dataset, "path_friction")
     narrow = replace(dataset, poses=replace(dataset.poses, q=0.05 * dataset.poses.q, came_from=np.zeros((0, 0))))
     wide = {member.length_deg for member in family.members if member.slips}

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from calib import calibrate
 from calib.calibration.noise_level import DECLARED, NoiseLevel, noise_level
@@ -17,7 +15,6 @@ from calib.dataset.dataset import Scanner
 from calib.diagnosis.headline import NOISE_AGREES, ErrorStage, Headline, headline_of, noise_agrees
 from calib.effects.catalogue import effects_named
 from calib.present.fit.error_headline import error_headline, note
-from calib.rendering.numbers import digits
 from calib.rendering.text import block_text
 from tests.support.hidden_dataset import arm
 
@@ -59,10 +56,8 @@ def test_a_stage_for_the_nominal_robot_the_links_and_each_effect(fits: dict[str,
     for stage in found.stages[1:]:
         assert stage.step is not None
         of_it = (fits["links"], fits["compliance"], fits["both"])[stage.step].after.test
-        assert of_it is not None
         assert stage.error_mm == of_it.rmse_mm
     before = fits["both"].before.test
-    assert before is not None
     assert found.stages[0].error_mm == before.rmse_mm
     assert found.noise == noise_level(fits["both"])
 
@@ -88,20 +83,11 @@ def test_without_test_poses_the_fitted_ones_are_told_and_it_says_so() -> None:
     fit = calibrate(bare)
     found = headline_of([fit])
     assert not found.of_test_poses
-    assert fit.after.train is not None
     assert found.stages[-1].error_mm == fit.after.train.rmse_mm
     assert "no test poses, so nothing confirms it" in note(found)
     assert re.search(r"\(noise as the fit left it [\d.]+ (mm|µm): not declared\)$", headline_text(found))
     assert not found.reached_noise
     assert "declares no noise" in note(found)
-
-
-def test_the_line_and_its_unit() -> None:
-    assert headline_text(told(1.9234, 0.7155, 0.03954)) == (
-        "1.92 mm as delivered → 0.72 mm with calibrated links → 0.040 mm with joint_compliance (noise 0.0062 mm)"
-    )
-    small = headline_text(told(0.0712, 0.0054))
-    assert small == "71.2 µm as delivered → 5.40 µm with calibrated links (noise 6.20 µm)"
 
 
 def test_noise_is_said_only_where_the_test_error_agrees() -> None:
@@ -120,12 +106,3 @@ def test_many_points_tell_a_smaller_excess_from_noise() -> None:
     few, many = (replace(told(1.0, 1.45 * 0.0062), points=points) for points in (10, 60))
     assert note(few).endswith("What is left is no more than noise.")
     assert note(many).endswith("What is left is 1.4 times what noise alone would leave.")
-
-
-@given(st.floats(1e-7, 1e5))
-def test_digits_are_few_and_near(length: float) -> None:
-    shown = digits(length)
-    assert "e" not in shown
-    assert float(shown) == pytest.approx(length, rel=0.051)
-    assert len(shown.replace(".", "").lstrip("0")) <= max(3, len(f"{length:.0f}"))
-    assert digits(-length) == f"−{shown}"

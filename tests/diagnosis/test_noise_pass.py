@@ -24,7 +24,6 @@ pytestmark = pytest.mark.slow
 
 def shape_words(found: Diagnosis) -> str:
     noise = found.to_dict()["noise"]
-    assert noise is not None
     assert noise["words"] in found.summary()
     return str(noise["words"])
 
@@ -53,7 +52,6 @@ def test_a_clean_arm_is_adequate_and_the_noise_is_told(kind: str, seed: int, wor
 def test_an_effect_stays_named_in_such_noise(kind: str) -> None:
     found = diagnose(odd_arm(kind, 2, ["transmission_error"], sigmas=4.0))
     assert (found.verdict, found.missing) == ("named", ("transmission_error",))
-    assert found.noise is not None
     assert found.calibration.options.noise == found.noise.shape
 
 
@@ -70,7 +68,6 @@ def test_a_true_drift_is_no_wander(effect: str, seed: int) -> None:
 def swaying(seed: int, sigmas: float) -> Dataset:
     """A scanner that sways three times in a session: no effect of the catalogue, and it looks like a wander."""
     dataset = odd_arm("white", seed)
-    assert dataset.points is not None
     assert dataset.poses.time_s is not None
     phase = 6.0 * np.pi * dataset.poses.time_s / np.ptp(dataset.poses.time_s)
     shift = sigmas * SIGMA_MM * np.sin(phase)[:, None] * [1.0, -0.7, 0.5]
@@ -121,7 +118,6 @@ def test_repeats_are_believed_whatever_else_is_left() -> None:
     repeats = odd_arm("deep", 0, repeats=3)
     found = diagnose(repeats)
     assert found.verdict == "adequate"
-    assert found.noise is not None
     assert found.noise.from_repeats
     assert "The repeated measurements show this;" in shape_words(found)
     noise = found.to_dict()["noise"]
@@ -132,7 +128,6 @@ def test_repeats_are_believed_whatever_else_is_left() -> None:
 @pytest.mark.thorough
 def test_a_wander_that_explains_as_much_keeps_a_drift_from_being_claimed() -> None:
     found = diagnose(odd_arm("wandering", 8))
-    assert found.noise is not None
     rival = found.noise.rival
     assert rival in ("scanner_drift", "scanner_step")
     assert rival not in found.named
@@ -155,5 +150,4 @@ def test_what_repeats_show_ends_the_search_for_the_noise_of_single_points(
     found = diagnose(repeats)
     assert asked
     assert found.verdict == "adequate"
-    assert found.noise is not None
     assert found.noise.from_repeats

@@ -97,8 +97,6 @@ def test_springs_in_the_joints_are_named(arm: str, masses: bool) -> None:
     else:
         assert (result.missing, result.ambiguous_set[0]) == ((), "joint_compliance"), result.summary()
     before, after = result.steps[0].calibration.after.test, result.calibration.after.test
-    assert before is not None
-    assert after is not None
     assert after.rmse_mm < 0.6 * before.rmse_mm
     assert result.calibration.sigma_mm < 1.3 * NOISE_MM
 

@@ -15,7 +15,6 @@ from calib.calibration.result import Calibration
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import catalogue_names, effects_for, effects_named
 from calib.effects.effect import full_name
@@ -31,7 +30,7 @@ NOISE_MM = 0.05
 
 def simulated(name: str, arm: str, *, seed: int = 0, sigmas: float = 4.0) -> Simulation:
     return simulate_dataset(
-        builtin_robot(arm),
+        arm,
         rng=np.random.default_rng([51, seed]),
         effects=(name,),
         visible_sigmas=sigmas,
@@ -79,8 +78,6 @@ def test_each_is_ranked_first_and_fitted_to_the_noise(name: str, arm: str) -> No
     ranked = screen(before, effects_for(dataset)).candidates
     assert ranked[0].name == name, [(c.name, c.log_evidence) for c in ranked[:3]]
     assert after.sigma_mm < 1.2 * NOISE_MM
-    assert before.after.test is not None
-    assert after.after.test is not None
     # The mean: no fit can tell whether a test pose beside a step was measured before it.
     assert after.after.test.mean_mm < 0.6 * before.after.test.mean_mm
     fitted = {p.name: (x, s) for p, x, s in zip(after.fit.parameters, after.fit.x, after.fit.sigma, strict=True)}
@@ -139,7 +136,6 @@ def test_another_dataset_is_of_a_later_day(slipped: tuple[Dataset, Calibration],
     same = model.evaluate(load_dataset(tmp_path / "cell"))
     np.testing.assert_allclose(same.error_mm, fitted.after.error_mm, atol=1e-9)
     write_dataset(replace(dataset, description="measured again"), tmp_path / "again")
-    assert dataset.points is not None
     later = model.evaluate(load_dataset(tmp_path / "again"))
     (step,) = fitted.model.added_effects
     first = getattr(step, "start").first  # noqa: B009

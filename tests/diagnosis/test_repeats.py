@@ -36,7 +36,6 @@ def unmodelled(seed: int, *, rough_rad: float, poses: int = 20, test: int = 6) -
 
 def by_hand(dataset: Dataset) -> Dataset:
     """The dataset with the mean of each pose's repeats as one pose, its sigma divided by the root of their number."""
-    assert dataset.points is not None
     poses = dataset.poses.select(np.arange(0, len(dataset.poses), REPEATS))
     xyz = dataset.points.xyz_mm.reshape(-1, REPEATS, 3).mean(axis=1)
     points = Points(np.arange(len(xyz)), xyz, np.full(len(xyz), "jig"))
@@ -56,7 +55,6 @@ def test_evidence_is_that_of_the_means(seed: int, rounds: bool) -> None:
     )
     if rounds:  # the same rows sorted, for the mean by hand
         order = np.argsort(np.tile(np.arange(26), REPEATS), kind="stable")
-        assert repeats.points is not None
         points = replace(repeats.points, pose=np.arange(len(order)), xyz_mm=repeats.points.xyz_mm[order])
         means = by_hand(replace(repeats, poses=repeats.poses.select(order), points=points))
     else:

@@ -117,15 +117,3 @@ def test_a_page_shows_what_the_cells_show(pages: Any) -> None:
     assert "<i>" not in page
     assert "<script" not in page
     assert page.endswith("```text\n42\n```\n")
-
-
-@pytest.mark.thorough
-def test_a_cell_that_warns_or_fails_fails_the_build(pages: Any) -> None:
-    from nbformat.v4 import new_code_cell, new_notebook
-
-    for source, says in (
-        ("import warnings; warnings.warn('old')", "writes to stderr: .*old"),
-        ("1 / 0", "ZeroDivisionError"),
-    ):
-        with pytest.raises(pages.ExtensionError, match=f"(?s)odd.ipynb: .*{says}"):
-            pages.run(new_notebook(cells=[new_code_cell(source)]), "odd.ipynb")

@@ -20,7 +20,7 @@ from tests.support.fit_cases import rich_dataset
 def test_a_spring_is_never_called_a_gear_alone_and_a_wave_is_left_open() -> None:
     """Seeds at which the torque is so near a wave that nothing decides."""
     spring = simulate_dataset(
-        builtin_robot("panda"),
+        "panda",
         rng=np.random.default_rng([77, 1]),
         effects=(("counterbalance", 1.5),),
         poses=80,
@@ -46,7 +46,7 @@ def test_a_spring_is_never_called_a_gear_alone_and_a_wave_is_left_open() -> None
 
 def test_a_spring_between_those_of_the_grid_is_found_on_a_finer_one() -> None:
     dataset = simulate_dataset(
-        builtin_robot("panda"),
+        "panda",
         rng=np.random.default_rng([77, 1]),
         effects=(("counterbalance", 6.0),),
         poses=80,

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from calib import diagnose
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import family_of
 from calib.effects.catalogue.friction import PathFriction, hysteresis, stick_and_slip
 from calib.effects.catalogue.thermal import lagged, workload
@@ -70,13 +69,12 @@ def test_links_follow_the_temperature_with_a_lag() -> None:
 def test_friction_whose_past_no_table_has_leaves_no_pose_over() -> None:
     """The first poses of a session are not in the table: what they wound up is."""
     whole = simulate_dataset(
-        builtin_robot("rb5"),
+        "rb5",
         rng=np.random.default_rng([77, 0]),
         effects=(("path_friction", 1.5),),
         poses=90,
         noise_mm=0.02,
     ).dataset
-    assert whole.points is not None
     rows = np.flatnonzero((whole.poses.order >= 10) | (whole.poses.role == "reference"))
     rows = rows[whole.poses.order[rows] >= 10]
     role = whole.poses.role[rows].copy()
@@ -121,7 +119,7 @@ class WoundUp:
 @pytest.mark.slow
 def test_friction_is_told_from_following_and_a_users_effect_knows_as_much() -> None:
     dataset = simulate_dataset(
-        builtin_robot("rb5"),
+        "rb5",
         rng=np.random.default_rng([77, 0]),
         effects=(("path_friction", 1.5),),
         poses=80,
@@ -143,21 +141,6 @@ def test_heat_is_a_running_average_of_speed() -> None:
     assert heat[2] == pytest.approx(heat[1] * np.exp(-1.0))
     even = workload(0.02 * np.arange(0.0, 9000.0, 30.0), np.arange(0.0, 9000.0, 30.0), 300.0)
     assert even[-1] == pytest.approx(0.02)
-
-
-@pytest.mark.thorough
-def test_the_heat_of_one_motor_is_told_from_drift_and_steps() -> None:
-    dataset = simulate_dataset(
-        builtin_robot("panda"),
-        rng=np.random.default_rng([77, 3]),
-        effects=(("motor_heat", 2.0),),
-        poses=80,
-        conditions=True,
-        noise_mm=0.05,
-    ).dataset
-    assert diagnose(dataset).missing == ("motor_heat",)
-    without = replace(dataset, poses=replace(dataset.poses, time_s=None))
-    assert family_of(without, "motor_heat").why_not == "poses.csv has no time_s"
 
 
 class Wave:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib import calibrate, diagnose
+from calib import calibrate
 from calib.dataset.files.folder import load_dataset
 from calib.effects.catalogue.user_file import load_effects
 from calib.errors import CalibError
@@ -98,15 +98,6 @@ def test_a_users_effect_reaches_another_body_the_pose_before_torque_and_attitude
         assert abs(value - truth) < 4.0 * sigma, name
         assert sigma < 0.2 * truth, name
     assert fit.sigma_mm < 0.036
-
-
-@pytest.mark.thorough
-def test_a_users_torso_is_named(cell: tuple[Measured, dict], tmp_path: Path) -> None:
-    dataset = write(tmp_path / "cell", *cell, masses=True)
-    (tmp_path / "effects.py").write_text(EFFECTS, encoding="utf-8")
-    families = load_effects(tmp_path / "effects.py", nominal_state(dataset))
-    diagnosis = diagnose(dataset, user_effects=families, max_steps=5)
-    assert "torso" in diagnosis.missing
 
 
 def test_a_column_that_is_not_there_is_told_by_its_name(cell: tuple[Measured, dict], tmp_path: Path) -> None:

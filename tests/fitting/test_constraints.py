@@ -85,7 +85,6 @@ def test_a_measured_arm_in_sockets_keeps_its_links() -> None:
     assert last.sigma_mm > 0.05
     assert np.max(np.abs(last.robot.table[:, [0, 2]] - dataset.robot.table[:, [0, 2]])) < 10.0
     test = last.after.test
-    assert test is not None
     assert test.rmse_mm == pytest.approx(0.30, abs=0.03)
 
 

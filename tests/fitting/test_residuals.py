@@ -96,7 +96,6 @@ def test_a_robust_fit_finds_the_wrong_points_and_the_right_arm() -> None:
     robot = jang_arm()
     true = perturbed(robot, rng)
     dataset = dataset_of(robot, true, rng, poses=80, noise_mm=0.05)
-    assert dataset.points is not None
     wrong = np.array([7, 20, 33, 51])
     xyz = dataset.points.xyz_mm.copy()
     xyz[wrong] += rng.normal(size=(4, 3)) * 5.0

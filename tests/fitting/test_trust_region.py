@@ -118,7 +118,6 @@ def test_exact_data_from_an_unknown_place_are_met(kind: str, arm: str, prior: bo
 
 def shortened(dataset: Dataset, scanner_T_new: np.ndarray) -> Dataset:
     points = dataset.points
-    assert points is not None
     moved = points.xyz_mm @ scanner_T_new[:3, :3].T + scanner_T_new[:3, 3]
     return dataset.with_points(type(points)(points.pose, moved, points.target))
 
@@ -149,7 +148,6 @@ def test_noise_and_a_missing_effect_do_not_make_it_diverge(seed: int, joints: in
     dataset = dataset_of(robot, true, rng, noise_mm=0.05, test=20, poses=84)
     sag = 0.004 * np.sin(dataset.poses.q)
     points = elementary_points(true, dataset.poses.q + sag) + 0.05 * rng.normal(size=(84, 3))
-    assert dataset.points is not None
     bent = dataset.with_points(type(dataset.points)(dataset.points.pose, points, dataset.points.target))
     for kind in ("position", "distance"):
         for prior in (True, False):
@@ -172,7 +170,6 @@ def test_a_missing_effect_is_settled_in_few_steps_near_the_nominal_arm(kind: str
     dataset = dataset_of(robot, true, rng)
     sag = 0.01 * np.sin(dataset.poses.q)
     points = elementary_points(true, dataset.poses.q + sag) + 0.05 * rng.normal(size=(64, 3))
-    assert dataset.points is not None
     bent = dataset.with_points(type(dataset.points)(dataset.points.pose, points, dataset.points.target))
     fit = solve(make_residuals(kind, geometric_model(robot), Observations.of(bent)))
     assert fit.converged
@@ -265,7 +262,6 @@ def test_bad_problems_are_one_clear_error() -> None:
     with pytest.raises(FitError, match="no free parameter"):
         solve(PositionResiduals(model.with_fixed(robot.parameter_names), Observations.of(dataset)))
     points = dataset.points
-    assert points is not None
     broken = dataset.with_points(type(points)(points.pose, points.xyz_mm * np.nan, points.target))
     with pytest.raises((FitError, ValueError, np.linalg.LinAlgError)):
         solve(PositionResiduals(model, Observations.of(broken)))

@@ -26,7 +26,6 @@ def soft() -> tuple[Cell, float, PairDisplacements]:
     cause = compliance(1).cause
     size = size_of(cell, cause, 10.0 * SIGMA_MM)
     made = measured(cell, [(cause, size)], rng, test_places=4)
-    assert made.points is not None
     moved = frames.make_transform(frames.rotation_from_rotvec([0.1, 0.2, -0.1]), np.array([50.0, 20.0, 0.0]))
     loaded = made.poses.payload_kg == 2.0
     xyz_mm = np.where(loaded[:, None], frames.apply(moved, made.points.xyz_mm), made.points.xyz_mm)
@@ -62,5 +61,4 @@ def test_the_figure_has_each_coordinate_of_each_pair(soft: tuple[Cell, float, Pa
     drawn = {trace.name: trace for trace in figures.moved_by_change(found).data}
     assert len(drawn["fitted pairs, per coordinate"].x) == 48
     assert len(drawn["held-out pairs"].x) == 12
-    assert found.displacements is not None
     assert np.allclose(sorted(drawn["held-out pairs"].y), sorted(found.displacements.moved_mm[shown.held_out].ravel()))

@@ -27,7 +27,6 @@ def soft(misfit_mm: float = 0.0) -> tuple[Dataset, float]:
     made = measured(cell, [(cause, size)], rng, test_places=12)
     turns, phase = 1.5 * rng.standard_normal((6, 6)), rng.uniform(0.0, 2.0 * np.pi, 6)
     missed_mm = misfit_mm * np.sin(cell.q @ turns.T + phase) @ rng.standard_normal((6, 3)) / np.sqrt(3.0)
-    assert made.points is not None
     return replace(made, points=replace(made.points, xyz_mm=made.points.xyz_mm + missed_mm)), 1e-6 * size
 
 
@@ -35,10 +34,7 @@ def test_what_is_proven_lowers_the_held_out_error_of_single_poses() -> None:
     made, size = soft(misfit_mm=0.3)
     links = calibrate(made)
     found = joint_fit(links, interventions_of(links))
-    assert found is not None
     assert (found.added, found.dropped) == (("joint_compliance",), ())
-    assert links.after.test is not None
-    assert found.calibration.after.test is not None
     assert found.calibration.after.test.rmse_mm < 0.6 * links.after.test.rmse_mm
     value = found.calibration.to_frame().set_index("name").loc[NAME, "value"]
     assert abs(value - size) < 0.05 * size
@@ -51,7 +47,6 @@ def test_without_a_misfit_it_is_the_fit_of_all_poses_and_counts_none_twice() -> 
     links = calibrate(made)
     interventions = interventions_of(links)
     found = joint_fit(links, interventions)
-    assert found is not None
     alone = calibrate(made, effects=interventions[0].proven_members).to_frame().set_index("name").loc[NAME]
     together = found.calibration.to_frame().set_index("name").loc[NAME]
     assert found.weight_of_single > 0.5
@@ -65,7 +60,6 @@ def test_an_effect_that_pairs_refute_leaves_the_model() -> None:
     interventions = interventions_of(links)
     wrong = calibrate(made, effects=["base_compliance"])
     found = joint_fit(wrong, interventions, ["base_compliance"])
-    assert found is not None
     assert (found.added, found.dropped) == (("joint_compliance",), ("base_compliance",))
     assert found.calibration.model.family_names == ("joint_compliance",)
 

@@ -32,7 +32,6 @@ def recorded(seed: int) -> Dataset:
     made = measured(cell, causes, rng, noise_mm=SIGMA_MM)
     turns, phase = 2.0 * rng.standard_normal((6, cell.q.shape[1])), rng.uniform(0.0, 2.0 * np.pi, 6)
     missed_mm = np.sin(cell.q @ turns.T + phase) @ rng.standard_normal((6, 3)) / np.sqrt(3.0)
-    assert made.points is not None
     made = replace(made, points=replace(made.points, xyz_mm=made.points.xyz_mm + missed_mm))
     return made.leave_out([made.poses.ids[70]])
 
@@ -53,7 +52,6 @@ def predicted_by(found: Intervention, made: Dataset) -> PairDisplacements:
     """Displacements of a recording, and what proofs of other pairs say of them."""
     fit = calibrate(made)
     differences = differences_of(made, find_pairs(made)[0], fit.model.calibrated_robot(fit.fit.x))
-    assert differences is not None
     values = {proof.full_name: proof.value for proof in found.proofs}
     explained = np.zeros(len(differences.residual))
     for member in found.proven_members:

@@ -19,8 +19,6 @@ def test_the_jig_stands_in_the_room_alike_at_all_poses() -> None:
     arm = random_arm(rng, 6)
     dataset = flange_dataset_of(arm, arm, rng, poses=25, full_poses=True)
     points = dataset.points
-    assert points is not None
-    assert points.orientations is not None
     corners = {  # of which only place and covariance count
         pose_id: cast(Corner, SimpleNamespace(xyz_mm=points.xyz_mm[row], covariance_mm2=1e-4 * np.eye(3)))
         for row, pose_id in enumerate(dataset.poses.ids)

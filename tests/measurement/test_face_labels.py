@@ -13,7 +13,6 @@ from calib.corners.intersection import Corner
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.points_csv import points_frame
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import mean_rotation
 from calib.jig import Jig, jig_normals
 from calib.kinematics.tool_point import tool_point, with_tool_point
@@ -46,7 +45,7 @@ def labelled(
 
 @pytest.fixture(scope="module")
 def simulation() -> Simulation:
-    return simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(5), poses=30)
+    return simulate_dataset("rb5", rng=5, poses=30)
 
 
 @pytest.mark.parametrize("jig", [Jig(), UNEVEN])
@@ -102,13 +101,10 @@ def test_corners_become_full_poses_where_their_faces_are_named(simulation):
     none = CornerSearch("", *[cast(Any, None)] * 5, None, "no corner", 0.0)
     searches = {i: replace(none, corner=corner) for i, corner in corners.items()}
     points = with_corners(dataset, searches, orientation=True).points
-    assert points is not None
-    assert points.orientations is not None
     assert np.flatnonzero(~points.orientations.known).tolist() == [4]
     columns = points_frame(dataset.poses, points).columns
     assert {"qw", "rxx_rad2", "z_rz_mm_rad"} <= set(columns)
     plain = with_corners(dataset, searches).points
-    assert plain is not None
     assert plain.orientations is None
     assert list(points_frame(dataset.poses, plain).columns) == list(columns[:10])
 

@@ -125,7 +125,7 @@ def test_it_predicts_and_corrects_the_same(fitted: Calibration, dataset: Dataset
 @pytest.mark.slow
 def test_every_member_of_the_catalogue_comes_back() -> None:
     robot = builtin_robot("panda")
-    dataset = simulate_dataset(robot, rng=np.random.default_rng(0), poses=20, conditions=True).dataset
+    dataset = simulate_dataset(robot, rng=0, poses=20, conditions=True).dataset
     file = JsonFile(Path("m.json"), "model file", "", ModelFileError)
     unweighed = replace(robot, joints=tuple(replace(j, mass_kg=None, com_mm=None) for j in robot.joints))
     unheated = replace(dataset, poses=replace(dataset.poses, temperature_c=None))
@@ -246,7 +246,7 @@ def test_a_users_effect_that_is_no_data_is_refused_when_saving(dataset: Dataset,
 
 def test_it_is_of_one_arm(fitted: Calibration, dataset: Dataset, tmp_path: Path) -> None:
     loaded = FittedModel.of(fitted)
-    panda = simulate_dataset(builtin_robot("panda"), rng=np.random.default_rng(0), poses=20).dataset
+    panda = simulate_dataset("panda", rng=0, poses=20).dataset
     with pytest.raises(FitError, match="another arm"):
         loaded.evaluate(panda)
     table = dataset.robot.table

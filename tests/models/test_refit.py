@@ -42,7 +42,6 @@ def later(whole: Dataset, earlier: Calibration) -> Dataset:
     """Poses of the second campaign, with the instrument elsewhere and another tool; 20 to fit, the rest to test."""
     dataset = part(whole, np.arange(EARLIER, 180), "later", train=20)
     model, x, points = earlier.model, earlier.fit.x, dataset.points
-    assert points is not None
     longer = x + TOOL_MM * np.array([p.name == "dTCP" for p in model.parameters])
     moved_mm = model.predict(longer, dataset.poses) - model.predict(x, dataset.poses)
     scanner_T_base = next(iter(earlier.after.scanner_T_base.values()))
@@ -53,7 +52,6 @@ def later(whole: Dataset, earlier: Calibration) -> Dataset:
 
 def part(dataset: Dataset, rows: np.ndarray, name: str, train: int) -> Dataset:
     points = dataset.points
-    assert points is not None
     own = points.select(np.isin(points.pose, rows))
     role = np.where(np.arange(len(rows)) < train, "train", "test").astype("<U9")
     role[0] = "reference"
@@ -73,9 +71,7 @@ def test_held_effects_keep_their_values_and_frame_and_tool_are_found(earlier: Ca
         assert not any(sigma[name] for name in held)
         longer = sum(new[name] - old[name] for name in ("d6", "dTCP"))  # of one length, which two entries share
         assert longer == pytest.approx(TOOL_MM, abs=0.15)
-        assert again.after.test is not None
         assert again.after.test.rmse_mm < 1.7 * np.sqrt(3.0) * 0.03
-        assert again.before.test is not None
         assert again.before.test.rmse_mm > 5.0 * again.after.test.rmse_mm
         share = promise(again).coverage_90
         assert share is not None
@@ -84,14 +80,11 @@ def test_held_effects_keep_their_values_and_frame_and_tool_are_found(earlier: Ca
 
 def test_it_is_better_than_links_alone_and_frame_needs_few_poses(earlier: Calibration, later: Dataset) -> None:
     again, alone = refit(earlier.fitted_model, later, "links"), calibrate(later)
-    assert again.after.test is not None
-    assert alone.after.test is not None
     assert again.after.test.rmse_mm < 0.7 * alone.after.test.rmse_mm
     few = replace(later, poses=replace(later.poses, role=np.where(np.arange(len(later.poses)) < 6, "train", "test")))
     with pytest.raises(FitError, match="measure at least"):
         refit(earlier.fitted_model, few, "links")
     by_few = refit(earlier.fitted_model, few, "frame").after.test
-    assert by_few is not None
     assert by_few.rmse_mm < alone.after.test.rmse_mm
 
 

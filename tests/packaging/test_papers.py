@@ -126,38 +126,6 @@ ROOT_KEYS = {
     "keywords",
 }
 ROOT_KEYS |= {"references", "date-released", "doi", "identifiers", "repository-code", "url"}
-REFERENCE_KEYS = {
-    "type",
-    "title",
-    "year",
-    "authors",
-    "notes",
-    "journal",
-    "volume",
-    "issue",
-    "start",
-    "end",
-    "doi",
-}
-AUTHOR_KEYS = {"name", "family-names", "given-names", "affiliation", "orcid"}
-
-
-@pytest.mark.thorough
-def test_the_citation_is_well_formed():
-    citation = loaded(ROOT / "CITATION.cff")
-    assert citation["cff-version"] == "1.2.0"
-    assert {"title", "message", "authors"} <= set(citation) <= ROOT_KEYS
-    assert citation["type"] == "software"
-    for reference in citation["references"]:
-        assert {"type", "title", "authors"} <= set(reference) <= REFERENCE_KEYS
-        assert reference["type"] == "article"
-        assert isinstance(reference["year"], int)
-        assert re.fullmatch(r"10\.\d{4,}/\S+", reference.get("doi", "10.1234/x"))
-    for author in [*citation["authors"], *(one for of in citation["references"] for one in of["authors"])]:
-        assert set(author) <= AUTHOR_KEYS
-        assert "name" in author or "family-names" in author
-
-
 KINDS = ("Added", "Changed", "Deprecated", "Removed", "Fixed", "Security")
 
 
@@ -191,10 +159,3 @@ def test_the_changelog_has_each_kind_of_change_once_a_version():
         else:
             assert line.startswith("## "), line
             kinds = []
-
-
-@pytest.mark.thorough
-def test_every_link_of_the_changelog_is_defined():
-    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    used = set(re.findall(r"\]\[([^\]]+)\]", text))
-    assert used <= set(re.findall(r"^\[([^\]]+)\]: \S+$", text, re.MULTILINE))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from calib import calibrate, diagnose, screen
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
 from calib.planning.discrimination_criterion import ForDiscrimination, for_confounded
@@ -23,7 +22,7 @@ from calib.workcell.measurable import measurable
 def confounded() -> HypothesisSet:
     """Bending of links or compliance of joints: an arm without payload, one sigma of bending."""
     rng = np.random.default_rng(10)
-    dataset = simulate_dataset(builtin_robot("rb5"), rng=rng, effects=[("link_bending", 1.0)], poses=40).dataset
+    dataset = simulate_dataset("rb5", rng=rng, effects=[("link_bending", 1.0)], poses=40).dataset
     calibration = calibrate(dataset)
     families = [f for f in effects_for(dataset) if f.name in ("link_bending", "joint_compliance")]
     ranked = screen(calibration, families).candidates
@@ -85,6 +84,6 @@ def test_a_hypothesis_in_the_model_is_taken_out_of_it(confounded: HypothesisSet)
 
 @pytest.mark.slow
 def test_where_nothing_is_open_there_is_nothing_to_plan() -> None:
-    clean = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(8), poses=30).dataset
+    clean = simulate_dataset("rb5", rng=8, poses=30).dataset
     with pytest.raises(CalibError, match="left no effects confounded"):
         for_confounded(diagnose(clean))

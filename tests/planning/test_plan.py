@@ -98,7 +98,6 @@ def test_arms_that_are_measured_as_planned_have_the_predicted_error(first_set: P
         simulated = measured(q, 60, seed)
         errors = calibrate(simulated.dataset).after
         test = errors.is_test[errors.pose]
-        assert simulated.dataset.points is not None
         noise_mm = simulated.dataset.points.xyz_mm - simulated.apex_mm
         squares.append(np.mean(np.sum((errors.error_mm + noise_mm)[test] ** 2, axis=1)))
     assert np.sqrt(np.mean(squares)) == pytest.approx(first_set.then.geometry_mm, rel=0.15)
@@ -124,7 +123,6 @@ def test_an_effect_is_planned_under_the_conditions_that_it_shows_under(start: Fr
     assert isinstance(both.outcome, EffectOutcome)
     assert both.outcome.conditions == both.outcome.unrecorded == ("approach",)
     loads = plan_poses(start, 6, candidates=80, criterion=criterion_of("joint_compliance", payload_kg=2.0))
-    assert loads.poses.payload_kg is not None
     assert loads.poses.payload_kg.tolist() == sorted(loads.poses.payload_kg)  # mounted once
     assert set(loads.poses.payload_kg) <= {0.0, 2.0}
     assert 2.0 in loads.poses.payload_kg

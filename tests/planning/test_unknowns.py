@@ -16,7 +16,7 @@ from tests.support.arms import random_transform
 
 @pytest.fixture(scope="module")
 def dataset():
-    return simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(3), poses=40, setups=2).dataset
+    return simulate_dataset("rb5", rng=3, poses=40, setups=2).dataset
 
 
 def test_before_a_plan_the_unknowns_are_known_as_the_fit_says(dataset) -> None:
@@ -45,7 +45,7 @@ def test_predicted_points_have_the_covariance_that_the_fit_gives_them(dataset) -
 def test_how_the_scanner_stands_changes_nothing_that_is_told(dataset) -> None:
     robot, poses = (
         builtin_robot("panda"),
-        simulate_dataset(builtin_robot("panda"), rng=np.random.default_rng(1), poses=30).dataset.poses,
+        simulate_dataset("panda", rng=1, poses=30).dataset.poses,
     )
     rng = np.random.default_rng(2)
     told = []

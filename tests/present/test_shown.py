@@ -7,9 +7,7 @@ import math
 import pickle
 from dataclasses import is_dataclass, replace
 from html.parser import HTMLParser
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -105,11 +103,6 @@ def safe(html: str) -> Fragment:
     return fragment
 
 
-def one_of(place: str) -> Any:
-    module, _, name = place.replace(":", ".").rpartition(".")
-    return getattr(import_module(module), name)
-
-
 def test_every_result_has_its_telling_and_its_document() -> None:
     with pytest.raises(TypeError, match="nothing is told of a object"):
         presentation(object())  # which loads all that register
@@ -199,7 +192,6 @@ def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosi
     of_dataset = safe(dataset._repr_html_()).text
     assert f"{dataset.robot.name}, {dataset.robot.n_joints} joints" in of_dataset
     test = found.calibration.after.test
-    assert test is not None
     assert f"{test.rmse_mm:.4f}" in safe(found.calibration._repr_html_()).text
     of_diagnosis = safe(found._repr_html_()).text
     assert found.missing[0] in of_diagnosis
@@ -218,13 +210,3 @@ def test_ipython_shows_the_summary_as_plain_text(
         assert plain_text(result) == result.summary()
         assert len(result.summary()) < 20_000
     assert "64: 1 reference, 50 training and 13 test" in dataset.summary()
-
-
-def test_drawings_of_two_results_on_one_page_have_ids_of_their_own(found: Diagnosis) -> None:
-    ids = [
-        [value for name, value in safe(fit._repr_html_()).attributes if name == "id"]
-        for fit in (found.calibration, found.steps[0].calibration)
-    ]
-    assert ids[0]
-    assert ids[1]
-    assert not set(ids[0]) & set(ids[1])

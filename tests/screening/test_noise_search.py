@@ -68,7 +68,6 @@ def test_white_noise_has_no_shape(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_depth_three_times_coarser_is_found_along_its_axis(seed: int) -> None:
     found = found_in("deep", seed)
-    assert found is not None
     assert found.shape.depth == 1.0
     assert found.shape.wander is None
     across, between, along = np.diag(found.shape.axes)
@@ -82,7 +81,6 @@ def test_growth_with_distance_is_found(seed: int) -> None:
     """The engine's noise grows with the square of the distance: 2 / d relative to itself."""
     residual = left_over("growing", seed)
     found = find_shape(residual, np.zeros(len(residual.rows), dtype=bool))
-    assert found is not None
     assert found.shape.axes == NoiseShape().axes
     expected = 2.0 / np.median(np.linalg.norm(residual.xyz_mm, axis=1)) * 1e3
     assert found.shape.growth_per_m == pytest.approx(expected, rel=0.5)
@@ -91,8 +89,6 @@ def test_growth_with_distance_is_found(seed: int) -> None:
 @pytest.mark.parametrize("seed", [4, 5, 9])
 def test_a_wander_is_found_with_its_share(seed: int) -> None:
     found = found_in("wandering", seed)
-    assert found is not None
-    assert found.shape.wander is not None
     assert not found.shape.reshapes_points
     assert 0.2 <= found.shape.wander.share <= 0.8  # a half
 
@@ -113,7 +109,6 @@ def test_tails_are_found_and_single_wrong_points_are_none() -> None:
 def test_the_shape_keeps_the_declared_size(kind: str) -> None:
     dataset = odd_arm(kind, 1)
     found = found_in(kind, 1)
-    assert found is not None
     shaped = replace(dataset, noise=found.shape)
     assert declared_sigma_mm(shaped) == pytest.approx(SIGMA_MM, rel=1e-9)
     sizes = np.trace(Observations.of(shaped).covariance_mm2, axis1=1, axis2=2)
@@ -124,10 +119,8 @@ def test_the_shape_keeps_the_declared_size(kind: str) -> None:
 def test_repeats_tell_the_shape_whatever_the_arm_does() -> None:
     dataset = odd_arm("deep", 2, ["joint_compliance"], sigmas=20.0, repeats=2)
     scatter = scatter_of_repeats(dataset)
-    assert scatter is not None
     assert scatter.rows.shape == (80, 3, 1)
     found = find_shape(scatter, np.zeros(80, dtype=bool), drifts=False)
-    assert found is not None
     assert found.shape.axes[2][2] == pytest.approx(3.0, rel=0.25)
     assert np.mean(scatter.rows**2) == pytest.approx(1.0, rel=0.3)  # whitened by the declared sigma
     assert scatter_of_repeats(odd_arm("deep", 2)) is None

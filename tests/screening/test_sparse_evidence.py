@@ -135,7 +135,6 @@ def test_steps_that_stand_together_have_poses_between_them() -> None:
 @pytest.mark.slow
 def test_what_predicts_no_pose_that_is_left_out_has_no_evidence() -> None:
     """One pose is wrong by far: whatever of one place or pose reaches it explains it and predicts nothing."""
-    assert DATASET.points is not None
     xyz = DATASET.points.xyz_mm.copy()
     xyz[17] += [3.0, -3.0, 2.0]
     spoilt = DATASET.with_points(replace(DATASET.points, xyz_mm=xyz))

@@ -30,7 +30,7 @@ COARSE = ScanModel(points=4000, window_mm=90.0)
 
 def made(arm: str, seed: int, poses: int) -> Simulation:
     robot = replace(builtin_robot(arm), carries_scanner=True)
-    return simulate_dataset(robot, rng=np.random.default_rng(seed), poses=poses, scans=True, scan_model=COARSE)
+    return simulate_dataset(robot, rng=seed, poses=poses, scans=True, scan_model=COARSE)
 
 
 @pytest.mark.slow
@@ -60,13 +60,11 @@ def test_a_jig_that_no_pose_looks_at_is_refused() -> None:
     stiff = [replace(joint, min=-0.01, max=0.01) for joint in robot.joints]
     robot = replace(robot, joints=tuple(stiff), carries_scanner=True)
     with pytest.raises(CalibError, match="no pose looks at a jig on a table before it"):
-        simulate_dataset(robot, rng=np.random.default_rng(0), poses=3, scans=True)
+        simulate_dataset(robot, rng=0, poses=3, scans=True)
 
 
 def benchmark(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     spec = importlib.util.spec_from_file_location("flange_benchmark", ROOT / "benchmarks" / "flange.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, spec.name, module)  # where its dataclasses look for their names
     spec.loader.exec_module(module)
@@ -84,7 +82,6 @@ def test_corners_are_found_and_the_fit_is_at_its_bound(tmp_path: Path, monkeypat
     assert [search.failure for search in searches.values() if search.corner is None] == []
     dataset = with_corners(dataset, searches)
     points, test = dataset.points, dataset.poses.is_test
-    assert points is not None
     assert points.covariance_mm2 is not None
     error_mm = points.xyz_mm - simulation.apex_mm
     squared = np.einsum("ni,nij,nj->n", error_mm, np.linalg.inv(points.covariance_mm2), error_mm)

@@ -252,18 +252,3 @@ def test_what_counts_as_right(
 ) -> None:
     found = benchmark.judged(pd.Series(NOTHING | row))
     assert (found["exact"], found["wrong_claim"], found["calm_wrong"]) == (exact, wrong, calm)
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_a_small_run_prints_its_table_and_writes_its_rows(
-    benchmark: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "rows.csv"
-    benchmark.main(["--per-class", "1", "--only", "nothing", "--only", "knocks", "--out", str(out)])
-    rows = pd.read_csv(out)
-    assert rows["kind"].tolist() == ["nothing", "knocks"]
-    assert rows["laws"].tolist()[1] == "joint_knocked_and_put_back"
-    printed = capsys.readouterr().out
-    assert "knocks" in printed
-    assert "2 sets" in printed

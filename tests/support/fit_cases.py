@@ -42,8 +42,8 @@ def rich_dataset(poses: int = 40) -> Dataset:
 def full_poses(seed: int, *, poses: int = 40, robot: str = "rb5", **options: object) -> Dataset:
     """A simulated arm's poses with 0.05 mm and 0.1 mrad of noise, the jig turned on the tool by a random rotation."""
     made = simulate_dataset(
-        builtin_robot(robot),
-        rng=np.random.default_rng(seed),
+        robot,
+        rng=seed,
         poses=poses,
         orientation_sigma_rad=SIGMA_RAD,
         **options,  # type: ignore[arg-type]
@@ -53,18 +53,14 @@ def full_poses(seed: int, *, poses: int = 40, robot: str = "rb5", **options: obj
 
 def seated(dataset: Dataset, seat: np.ndarray) -> Dataset:
     """The same measurement with the jig turned on the tool by the rotation `seat` (3, 3)."""
-    assert dataset.points is not None
     given = dataset.points.orientations
-    assert given is not None
     turned = replace(given, scanner_R_jig=given.scanner_R_jig @ seat)
     return dataset.with_points(replace(dataset.points, orientations=turned))
 
 
 def with_pose_covariances(dataset: Dataset, rng: np.random.Generator) -> Dataset:
     """The dataset with one covariance of all six errors for each pose; every fifth pose has no orientation."""
-    assert dataset.points is not None
     given = dataset.points.orientations
-    assert given is not None
     root = rng.normal(size=(len(dataset.points), 6, 6)) * np.repeat([0.05, SIGMA_RAD], 3)[:, None]
     whole = root @ np.swapaxes(root, 1, 2)
     measured = given.scanner_R_jig.copy()
@@ -76,7 +72,6 @@ def with_pose_covariances(dataset: Dataset, rng: np.random.Generator) -> Dataset
 
 def with_point_covariances(dataset: Dataset, rng: np.random.Generator) -> Dataset:
     """The dataset with a covariance of its own for each point."""
-    assert dataset.points is not None
     spread = rng.normal(size=(len(dataset.points), 3, 3)) * 0.03
     covariance = spread @ np.swapaxes(spread, 1, 2) + 0.01**2 * np.eye(3)
     return dataset.with_points(Points(dataset.points.pose, dataset.points.xyz_mm, dataset.points.target, covariance))

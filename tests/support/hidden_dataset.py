@@ -12,7 +12,6 @@ from calib import calibrate
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.chain import target_jacobian
 from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
@@ -24,8 +23,8 @@ UNNAMED = ("fine_ripple", 3.0)  # of one joint: an effect that no family of the 
 def write_hidden(folder: Path, name: str = "hidden") -> Path:
     """45 poses of an RB5 at `folder/name`, no scans; the effect is visible at four sigmas."""
     simulation = simulate_dataset(
-        builtin_robot("rb5"),
-        rng=np.random.default_rng(11),
+        "rb5",
+        rng=11,
         effects=[(HIDDEN, 4.0)],
         conditions=True,
         poses=45,
@@ -38,14 +37,13 @@ def write_hidden(folder: Path, name: str = "hidden") -> Path:
 def arm(seed: int, *effects: tuple[str, float], robot: str = "rb5") -> Dataset:
     """64 measured points of an arm with these effects, at so many sigmas."""
     rng = np.random.default_rng(seed)
-    simulation = simulate_dataset(builtin_robot(robot), rng=rng, effects=effects, poses=64, noise_mm=0.05)
+    simulation = simulate_dataset(robot, rng=rng, effects=effects, poses=64, noise_mm=0.05)
     return simulation.dataset
 
 
 def with_joint_errors(dataset: Dataset, errors_rad: Mapping[int, Array]) -> Dataset:
     """The dataset with joints, counted from 0, off by (M,) at each point, by the nominal arm's derivative alone."""
     points = dataset.points
-    assert points is not None
     residuals = project_residual(calibrate(dataset)).residuals
     frame = residuals.scanner_frames(np.zeros(len(residuals.model.parameters)))[""]
     by_entry = target_jacobian(dataset.robot, dataset.poses.q[points.pose])

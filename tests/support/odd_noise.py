@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from calib.dataset.dataset import Dataset, Points, Scanner
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.simulate import simulate_dataset
 from tests.support.engine.noise import draw_noise
 
@@ -21,7 +20,7 @@ def odd_arm(
     """An arm at 80 poses, 16 of them held out, measured with noise of a kind (`tests.support.engine.noise`)."""
     rng = np.random.default_rng([seed, len(effects)])
     simulation = simulate_dataset(
-        builtin_robot(("rb5", "panda")[seed % 2]),
+        ("rb5", "panda")[seed % 2],
         rng=rng,
         effects=effects,
         visible_sigmas=sigmas,

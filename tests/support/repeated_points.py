@@ -13,7 +13,6 @@ def repeated(
     dataset: Dataset, repeats: int, rng: np.random.Generator, *, noise_mm: float = 0.0, rounds: bool = False
 ) -> Dataset:
     """Each pose of a dataset `repeats` times, one after the other or in rounds, each time with new noise."""
-    assert dataset.points is not None
     count = len(dataset.poses)
     rows = np.tile(np.arange(count), repeats) if rounds else np.repeat(np.arange(count), repeats)
     poses = dataset.poses.select(rows)

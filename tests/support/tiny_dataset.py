@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from calib.dataset.files.folder import write_dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.scans.scan import Scan, load_scan, write_scan
 from calib.simulation.measured_dataset import Simulation, write_simulation
 from calib.simulation.scanner import ScanModel
@@ -22,8 +21,8 @@ HOSTILE = '<img src=x onerror="window.pwned=1"> & <b>p2</b>'
 def scanned_cell(poses: int) -> Simulation:
     """A dataset `cell` of coarse scans."""
     return simulate_dataset(
-        builtin_robot("rb5"),
-        rng=np.random.default_rng(2),
+        "rb5",
+        rng=2,
         poses=poses,
         scans=True,
         name="cell",
@@ -40,7 +39,7 @@ def write_tiny(folder: Path) -> Path:
     far = points[points[:, 2] > np.quantile(points[:, 2], 0.6)]  # flange, arm and wall, not the jig
     write_scan(broken, Scan(broken.stem, far))
 
-    measured = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(3), poses=POSES, name="points").dataset
+    measured = simulate_dataset("rb5", rng=3, poses=POSES, name="points").dataset
     ids = (measured.poses.ids[0], HOSTILE, *measured.poses.ids[2:])
     write_dataset(replace(measured, name=HOSTILE, poses=replace(measured.poses, ids=ids)), folder / "points")
     return folder

@@ -105,14 +105,12 @@ def read_urdf(text: str) -> Arm:
 
     def origin(of: ET.Element) -> np.ndarray:
         found = of.find("origin")
-        assert found is not None
         return placed(1e3 * numbers(found.get("xyz", "")), turned(numbers(found.get("rpy", ""))))
 
     moving = [joints[name] for name in sorted(joints) if re.fullmatch(r"joint_\d", name or "")]
     axes = []
     for one in moving:
         axis = one.find("axis")
-        assert axis is not None
         axes.append(numbers(axis.get("xyz", "")))
     tip = origin(joints["ee_fixed_joint"])
     return Arm(tuple(map(origin, moving)), tuple(axes), tip, np.zeros(len(axes)))

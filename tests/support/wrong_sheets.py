@@ -45,7 +45,7 @@ ARMS = {
 def simulated(arm: str, seed: int = 0, *, poses: int = 40, effect: tuple[str, float] | None = None) -> Dataset:
     return simulate_dataset(
         ARMS[arm],
-        rng=np.random.default_rng(seed),
+        rng=seed,
         poses=poses,
         effects=[effect] if effect else [],
         tolerances=Tolerances(0.5, 0.2),
@@ -63,5 +63,4 @@ def turned(dataset: Dataset, *joints: int) -> Dataset:
 
 
 def with_points(dataset: Dataset, scale: float) -> Dataset:
-    assert dataset.points is not None
     return replace(dataset, points=replace(dataset.points, xyz_mm=scale * dataset.points.xyz_mm))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from calib import calibrate, compare
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.comparison import ALPHA, Comparison
@@ -81,6 +80,6 @@ def test_without_prior_and_with_held_parameters() -> None:
 
 
 def test_arms_with_other_joints_are_refused() -> None:
-    panda = simulate_dataset(builtin_robot("panda"), rng=np.random.default_rng(0), poses=40).dataset
+    panda = simulate_dataset("panda", rng=0, poses=40).dataset
     with pytest.raises(FitError, match=r"6 joints.*7 joints"):
         compare(calibrate(measured_twice(0)[0]), calibrate(panda))

@@ -34,7 +34,6 @@ def simulated(seed: int = 0, **more: object) -> Dataset:
 def in_setups(dataset: Dataset, setup: np.ndarray) -> Dataset:
     """The same measurements, each setup in a scanner frame of its own."""
     rng = np.random.default_rng(0)
-    assert dataset.points is not None
     xyz = dataset.points.xyz_mm.copy()
     for name in np.unique(setup):
         xyz[setup == name] = frames.apply(random_transform(rng), xyz[setup == name])
@@ -90,11 +89,9 @@ def test_folds_hold_out_each_place_once_and_leave_every_setup_its_frame(
 
 def test_a_split_keeps_points_with_their_poses_and_one_reference() -> None:
     dataset = simulated(test=4)
-    assert dataset.points is not None
     for train, held in (([5, 9, 2], [0, 7]), ([0, 3], [])):
         split, rows = split_dataset(dataset, np.array(train), np.array(held, dtype=np.int64))
         assert [split.poses.ids[i] for i in range(len(rows))] == [dataset.poses.ids[i] for i in rows]
-        assert split.points is not None
         for row, pose in enumerate(split.points.pose):
             np.testing.assert_array_equal(split.points.xyz_mm[row], dataset.points.xyz_mm[rows[pose]])
         assert list(split.poses.is_test) == [int(i) in held for i in rows]
@@ -107,7 +104,6 @@ def test_a_split_keeps_points_with_their_poses_and_one_reference() -> None:
 def test_held_out_poses_have_no_say_in_their_own_fold(residual: str) -> None:
     """Moving one measurement by 3 mm shows in its own held-out error in full; leaked, the fit would bend to it."""
     dataset = simulated()
-    assert dataset.points is not None
     xyz = dataset.points.xyz_mm.copy()
     xyz[20] += [3.0, 0.0, 0.0]
     clean = cross_validate(dataset, FitOptions(residual))
@@ -124,7 +120,6 @@ def test_figures_are_those_of_fits_made_by_hand() -> None:
     dataset = simulated(test=10)
     result = cross_validate(dataset, folds=4)
     frame = result.to_frame()
-    assert dataset.points is not None
     assert sorted(frame["pose"]) == sorted(dataset.poses.ids[:54])  # every training pose once, no test pose
     errors = {}
     for fold in result.folds:
@@ -135,7 +130,6 @@ def test_figures_are_those_of_fits_made_by_hand() -> None:
         by_hand = calibrate(
             replace(dataset, poses=replace(dataset.poses, role=role)).with_points(dataset.points.select(keep))
         )
-        assert by_hand.after.test is not None
         assert fold.held_out.rmse_mm == pytest.approx(by_hand.after.test.rmse_mm, rel=1e-6)
         table = by_hand.after.to_frame(dataset)
         errors |= {p: e for p, e in zip(table["pose"], table["error_mm"], strict=True) if p in fold.poses}
@@ -147,7 +141,6 @@ def test_figures_are_those_of_fits_made_by_hand() -> None:
 
 def test_test_poses_are_never_used() -> None:
     dataset = simulated(test=13)
-    assert dataset.points is not None
     shift = np.where(dataset.poses.is_test[dataset.points.pose], 50.0, 0.0)[:, None]
     other = dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + shift))
     assert cross_validate(other).summary() == cross_validate(dataset).summary()

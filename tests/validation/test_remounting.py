@@ -9,7 +9,6 @@ import pytest
 
 from calib import calibrate, check
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import rotation_from_rotvec
 from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
@@ -18,7 +17,7 @@ from calib.validation.remounting import remounting
 
 
 def simulated(seed: int = 0, poses: int = 64) -> Dataset:
-    return simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(seed), poses=poses).dataset
+    return simulate_dataset("rb5", rng=seed, poses=poses).dataset
 
 
 def with_points_mm(dataset: Dataset, xyz_mm: np.ndarray) -> Dataset:
@@ -29,7 +28,6 @@ def with_points_mm(dataset: Dataset, xyz_mm: np.ndarray) -> Dataset:
 def scanner_moved(dataset: Dataset) -> Dataset:
     """Test poses seen from a scanner that was knocked: 3 mm and 0.3 deg."""
     points = dataset.points
-    assert points is not None
     centre = points.xyz_mm.mean(axis=0)
     turned = (points.xyz_mm - centre) @ rotation_from_rotvec(np.array([0.0, 0.005, 0.0])).T + centre
     is_test = dataset.poses.is_test[points.pose][:, None]
@@ -39,7 +37,6 @@ def scanner_moved(dataset: Dataset) -> Dataset:
 def tool_moved(dataset: Dataset) -> Dataset:
     """Test poses with a tool that sits 2 mm further along the flange's x."""
     points = dataset.points
-    assert points is not None
     fitted = calibrate(dataset)
     turn = fitted.model.state(fitted.fit.x, dataset.poses).attitude[points.pose]
     scanner_R_base = next(iter(fitted.after.scanner_T_base.values()))[:3, :3]
@@ -56,27 +53,12 @@ def test_points_that_are_off_all_alike_are_told_by_what_moved() -> None:
     dataset = simulated()
     assert remounting(calibrate(dataset)) is None
     knocked, other_tool = (remounting(calibrate(moved(dataset))) for moved in (scanner_moved, tool_moved))
-    assert knocked is not None
     assert knocked.what == "scanner"
     assert knocked.shift_mm == pytest.approx(3.0, abs=0.5)
     assert np.degrees(knocked.turn_rad) == pytest.approx(0.286, abs=0.05)
-    assert other_tool is not None
     assert other_tool.what == "tool"
     assert other_tool.shift_mm == pytest.approx(2.0, abs=0.2)
     assert max(knocked.after_mm, other_tool.after_mm) < 0.25
-
-
-@pytest.mark.thorough
-def test_check_names_remounting_and_an_outlying_error_is_none() -> None:
-    dataset = simulated()
-    against = words_of(check(scanner_moved(dataset)), "test against training")
-    assert "the scanner or the arm's foot was moved" in against
-    assert "a tool that sits 2" in words_of(check(tool_moved(dataset)), "test against training")
-    points = dataset.points
-    assert points is not None
-    xyz_mm = points.xyz_mm.copy()
-    xyz_mm[np.flatnonzero(dataset.poses.is_test[points.pose])[0]] += 20.0
-    assert remounting(calibrate(with_points_mm(dataset, xyz_mm))) is None
 
 
 @pytest.mark.thorough
@@ -84,7 +66,6 @@ def test_check_names_remounting_and_an_outlying_error_is_none() -> None:
 def test_check_fails_where_many_times_the_noise_is_left_however_many_poses(poses: int) -> None:
     dataset = simulated(1, poses)
     points = dataset.points
-    assert points is not None
     rng = np.random.default_rng(0)
     spoilt = check(with_points_mm(dataset, points.xyz_mm + rng.normal(size=points.xyz_mm.shape)))
     assert not spoilt.passed

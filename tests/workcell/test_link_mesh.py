@@ -10,7 +10,6 @@ import pytest
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files import triangles
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
 from calib.workcell.bodies.link_mesh import load_link_mesh
@@ -19,7 +18,7 @@ from tests.support.tiny_dataset import box_stl
 
 def dataset_with(folder: Path, mesh: str | None) -> Dataset:
     """Dataset whose second joint names this mesh."""
-    dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(0), poses=8).dataset
+    dataset = simulate_dataset("rb5", rng=0, poses=8).dataset
     joints = list(dataset.robot.joints)
     joints[1] = replace(joints[1], mesh=mesh)
     return replace(dataset, folder=folder, robot=replace(dataset.robot, joints=tuple(joints)))
@@ -30,7 +29,6 @@ def test_a_mesh_comes_with_its_corners_in_mm(tmp_path: Path) -> None:
     (tmp_path / "meshes" / "link2.stl").write_text(box_stl((1.0, 2.0, 3.0)))
     dataset = dataset_with(tmp_path, "meshes/link2.stl")
     mesh = load_link_mesh(dataset, 1)
-    assert mesh is not None
     assert mesh.triangles.shape == (1, 3)
     expected = [[1, 2, 3], [11, 2, 3], [1, 22, 3]]
     np.testing.assert_allclose(sorted(mesh.vertices_mm[mesh.triangles[0]].tolist()), sorted(expected))

@@ -82,9 +82,7 @@ def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
 @pytest.mark.thorough
 def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
     open_tab(page, "Planes")
-    assert app.state.view is not None
     search = app.state.view.search
-    assert search is not None
     says(page, "rejected by filter 1")
     cells = [c.inner_text() for c in page.get_by_role("cell").all() if c.is_visible()]
     for count in search.filter_counts().values():
@@ -97,10 +95,7 @@ def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
 @pytest.mark.slow
 def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
     open_tab(page, "Corner")
-    assert app.state.view is not None
     search = app.state.view.search
-    assert search is not None
-    assert search.corner is not None
     for value in search.corner.xyz_mm:
         says(page, numbers.coordinate(value))
     page.get_by_role("button", name="Show the corner").click()
@@ -109,7 +104,6 @@ def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
 
 
 def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
-    assert app.state.view is not None
     pose_id = app.state.view.session.dataset.poses.ids[BROKEN]
     page.get_by_label("Pose", exact=True).first.click()
     page.get_by_role("option", name=f"{pose_id} ·").click()
@@ -123,7 +117,6 @@ def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app:
     assert app.worker.wait_idle(IDLE_S)
     open_tab(page, "Compare")
     for version in app.state.now.versions:
-        assert version.evaluation.test is not None
         says(page, numbers.column_mm(version.evaluation.test.rmse_mm))
     says(page, "noise alone")
     page.get_by_role("button", name=SHOW_ARM).click()
@@ -151,11 +144,7 @@ def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
 
 def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
     open_tab(page, "Fit")
-    assert app.state.view is not None
     result = app.state.view.session.calibration
-    assert result is not None
-    assert result.before.train is not None
-    assert result.after.train is not None
     says(page, numbers.column_mm(result.before.train.rmse_mm))
     says(page, numbers.reduction(result.before.train.rmse_mm, result.after.train.rmse_mm))
     page.locator(".js-plotly-plot .scatterlayer .trace").first.wait_for(state="attached", timeout=MS)

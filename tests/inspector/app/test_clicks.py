@@ -75,7 +75,6 @@ def test_a_step_of_the_history_shows_that_model(page: Any, app: App) -> None:
         if app.state.now.version is not None and app.state.now.version.name == "nominal":
             break
         page.wait_for_timeout(50)
-    assert app.state.now.version is not None
     assert app.state.now.version.name == "nominal"
     app.show_step(1)
     assert app.worker.wait_idle(10)

@@ -43,7 +43,6 @@ def test_the_headline_stands_over_the_view_and_its_stages_show_their_model(page:
     assert abs(box["width"] - view["width"]) <= 1
     assert abs(view["y"] - box["height"]) <= 1  # the view begins below it
     told = app.state.session.headline
-    assert told is not None
     for number, version in ((0, NOMINAL), (1, LINKS)):
         stage = bar.locator(".headline-stage").nth(number)
         assert stage_error(told, told.stages[number]) in stage.inner_text()

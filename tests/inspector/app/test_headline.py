@@ -12,7 +12,7 @@ from calib.present.cause.budget import budget_parts
 from calib.present.fit.error_headline import stage_error
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.markup.headline import RANKING, TO_FIND, headline_html
+from inspector.markup.headline import TO_FIND, headline_html
 from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Doing, Progress
 from inspector.session.session import Session
 from inspector.session.view import View
@@ -39,7 +39,6 @@ def steps_of(html: str) -> dict[str, str]:
 
 def test_the_stages_stand_over_the_view_with_their_units(app: App) -> None:
     told = app.state.session.headline
-    assert told is not None
     with WireClient(app.server.get_port()) as page:
         said = plain(page)
         for stage in told.stages:
@@ -61,7 +60,6 @@ def test_the_next_step_is_lit_and_starts_to_find(app: App) -> None:
 
 def test_the_bar_divides_the_error_between_the_causes_of_the_model_on_show(app: App) -> None:
     session = app.state.session
-    assert session.budget is not None
     html = headline_html(app.state.now, Doing())
     bar = html[html.index('class="headline-budget"') : html.index('class="headline-note"')]
     for part in budget_parts(session.budget):
@@ -87,23 +85,3 @@ def test_before_there_is_a_model_it_says_what_is_done_and_what_comes_next(app: A
         assert searching.worker.wait_idle(IDLE_S)
         assert searching.stage.view_name == "Arm"  # and then the model, where nobody chose anything else
         page.wait(lambda p: "as delivered" in plain(p))
-
-
-def test_a_fit_that_is_not_ranked_yet_is_said_to_be_weighed(app: App) -> None:
-    from dataclasses import replace
-
-    session = replace(app.state.session, advice=None, diagnosis=None)
-    assert RANKING in headline_html(View(session), Doing())
-
-
-def test_a_stage_is_shown_in_plots_and_tables_too(app: App) -> None:
-    with WireClient(app.server.get_port()) as page:
-        app.show_step(0)
-        page.wait(lambda p: "Of nominal. " in plain(p))
-        page.wait(lambda p: any("error before" in figure for figure in p.figures()))
-        worst = max(app.state.now.version.pose_errors_mm())  # type: ignore[union-attr]
-        page.wait(lambda p: f"{worst:.4f}" in plain(p))  # in the table of the worst poses
-        assert re.search(r'aria-pressed="true"[^>]*data-value="0"', page.text())
-        app.show_step(1)
-        page.wait(lambda p: "Of nominal. " not in plain(p))
-        page.wait(lambda p: not any("error before" in figure for figure in p.figures()))

@@ -28,7 +28,6 @@ def test_a_scanned_ball_is_told_of(tmp_path: Path) -> None:
     assert "ø 30.000 mm" in corner_html(view)
     assert NO_PLANES in planes_html(view)
     assert not session.unlabelled
-    assert session.measured.points is not None
     np.testing.assert_array_equal(session.measured.points.target, ["jig"])
 
 
@@ -43,7 +42,6 @@ def test_equal_balls_have_their_names_once_all_poses_are_searched(tmp_path: Path
         session = with_search(session, pose)
     said = corner_html(View(session, pose=3))
     measured = session.measured.points
-    assert measured is not None
     for row in np.flatnonzero(measured.pose == 3):
         place = " ".join(map(numbers.coordinate, measured.xyz_mm[row]))
         before = said.partition(place)[0]

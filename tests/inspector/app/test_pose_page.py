@@ -15,7 +15,6 @@ import pytest
 
 from calib.dataset.dataset import Orientations
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.measurement.measured_points import with_corners
 from calib.present.fit.corners import face_labelling
@@ -49,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     poses.to_csv(folder / "contradicted" / "poses.csv", index=False)
     toml = folder / "contradicted" / "dataset.toml"
     toml.write_text(toml.read_text().replace('"cell"', '"contradicted"'))
-    measured = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(3), poses=20, name="points")
+    measured = simulate_dataset("rb5", rng=3, poses=20, name="points")
     write_dataset(measured.dataset, folder / "points")
     return folder
 
@@ -61,7 +60,6 @@ def app(folder: Path) -> Iterator[App]:
 
 
 def session(app: App) -> Session:
-    assert app.state.view is not None
     return app.state.view.session
 
 
@@ -80,13 +78,11 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
 ) -> None:
     shows(page, f"nominal robot at {POSES} poses, margin 1")
     plain_points = session(app).measured.points
-    assert plain_points is not None
     assert plain_points.orientations is None  # a fit of positions takes no more than it did
     fit(page, "pose")
     shows(page, "pose, ", "attitude of the jig")
     assert app.worker.wait_idle(IDLE_S)
     ours = session(app).calibration
-    assert ours is not None
     assert main(["calibrate", str(folder / "cell"), "--residual", "pose", "--json"]) == 0
     theirs = json.loads(capsys.readouterr().out)
     assert ours.face_labelling is not None
@@ -114,7 +110,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
 
 
 def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) -> None:
-    made = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(4), poses=20, orientation_sigma_rad=1e-4)
+    made = simulate_dataset("rb5", rng=4, poses=20, orientation_sigma_rad=1e-4)
     write_dataset(replace(made.dataset, name="full"), tmp_path / "full")
     with idle_app(tmp_path / "full") as app, WireClient(app.server.get_port()) as page:
         shows(page, "points.csv has orientations")
@@ -150,7 +146,6 @@ def test_a_session_names_what_a_fit_of_full_poses_needs_and_nothing_else(searche
     full = sessions.with_calibration(searched, "pose")
     assert full.face_labels is not None
     points = full.measured.points
-    assert points is not None
     assert isinstance(points.orientations, Orientations)
     assert points.orientations.known.all()
     assert measuring.no_full_poses(full) == ""

@@ -75,7 +75,6 @@ def test_points_without_scans_have_no_scan_to_follow_to(app: App) -> None:
 def eye(app: App) -> tuple[Array, Array]:
     """Where the camera stands, seen from what it looks at, in the base's frame; and what is up there."""
     version = app.state.now.version
-    assert version is not None
     base = next(iter(version.evaluation.scanner_T_base.values()))[:3, :3]
     camera = app.server.initial_camera
     position = base.T @ np.array(camera.position)

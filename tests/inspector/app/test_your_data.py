@@ -40,8 +40,7 @@ EVIL = "<img src=x onerror=alert(1)>"
 def given() -> dict[str, bytes]:
     """A URDF, joints in degrees with joint 3 counted the other way, points in metres."""
     robot = builtin_robot("rb5")
-    dataset = simulate_dataset(robot, rng=np.random.default_rng(2), poses=40, noise_mm=0.02).dataset
-    assert dataset.points is not None
+    dataset = simulate_dataset(robot, rng=2, poses=40, noise_mm=0.02).dataset
     q = np.degrees(dataset.poses.q) * [1, 1, -1, 1, 1, 1]
     joints = ["Nr;" + ";".join(f"A{k}" for k in range(1, 7))]
     joints += [f"{i};" + ";".join(f"{v:.6f}".replace(".", ",") for v in row) for i, row in enumerate(q)]

@@ -63,7 +63,6 @@ def test_every_command_ends_well_for_few_poses_and_for_none_to_train_with(
         ends_well(capsys, tmp_path, *words)
     role = np.where(dataset.poses.role == "reference", "reference", "test")
     points = dataset.points
-    assert points is not None
     measured = points.pose > 0
     unmeasured = Points(points.pose[measured], points.xyz_mm[measured], points.target[measured])
     if len(unmeasured.pose):  # the reference pose is the only one to train with, and has no point

@@ -58,7 +58,6 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
     dataset = load_dataset(folder)
     assert len(found["poses"]) == len(dataset.poses)
     # On other measurements the model stays: a point that moves by 3 mm is 3 mm off, and no fit follows it.
-    assert dataset.points is not None
     moved = dataset.points.xyz_mm.copy()
     row = int((dataset.points.pose == int(dataset.poses.is_test.argmax())).argmax())
     moved[row] += [3.0, 0.0, 0.0]
@@ -70,18 +69,6 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
     capsys.readouterr()
     assert main(["validate", str(tmp_path / "later"), "--model", str(model)]) == 0
     assert "not the files" in capsys.readouterr().out
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_correct_gives_the_same_targets_and_needs_no_measurements(folder: Path, model: Path, tmp_path: Path) -> None:
-    targets = tmp_path / "targets.csv"
-    pd.read_csv(folder / "poses.csv").head(6).to_csv(targets, index=False)
-    by_fit, by_model = tmp_path / "fit.csv", tmp_path / "model.csv"
-    given = ["correct", str(folder), "--joints", str(targets), "--out"]
-    code = main([*given, str(by_fit), "--add", HIDDEN])  # 1: some of these are near singular postures
-    assert main([*given, str(by_model), "--model", str(model)]) == code
-    assert by_model.read_bytes() == by_fit.read_bytes()
 
 
 @pytest.mark.slow
@@ -138,7 +125,6 @@ def test_no_model_is_written_for_a_fit_that_is_no_improvement(
     spoiled, out = tmp_path / "cell", tmp_path / "m.json"
     dataset = load_dataset(folder)
     points = dataset.points
-    assert points is not None
     is_test = dataset.poses.is_test[points.pose]
     off_mm = calib.calibrate(dataset).before.error_mm  # with it the nominal robot is right at the test poses
     xyz_mm = points.xyz_mm + np.where(is_test[:, None], off_mm, 0.0)
@@ -147,24 +133,6 @@ def test_no_model_is_written_for_a_fit_that_is_no_improvement(
     assert not out.exists()
     assert main(["calibrate", str(spoiled), "--model-out", str(out), "--force"]) == 0
     assert calib.load_model(out).after.test == calib.calibrate(load_dataset(spoiled)).after.test
-
-
-@pytest.mark.slow
-def test_coupled_joints_are_corrected_as_they_are_commanded(folder: Path, tmp_path: Path) -> None:
-    """q3 = q2 + q3': a model fitted with that coupling gives the targets that the fit itself gives."""
-    coupling = np.eye(6)
-    coupling[2, 1] = 1.0
-    dataset = load_dataset(folder)
-    robot = replace(dataset.robot, coupling=tuple(map(tuple, coupling.tolist())))
-    cell, model, targets = tmp_path / "coupled", tmp_path / "m.json", tmp_path / "targets.csv"
-    write_dataset(replace(dataset, robot=robot), cell)
-    pd.read_csv(cell / "poses.csv").tail(4).to_csv(targets, index=False)
-    assert main(["calibrate", str(cell), "--model-out", str(model)]) == 0
-    assert calib.load_model(model).model.robot == load_dataset(cell).robot
-    by_fit, by_model = tmp_path / "fit.csv", tmp_path / "model.csv"
-    given = ["correct", str(cell), "--joints", str(targets), "--what", "position", "--out"]
-    assert main([*given, str(by_fit)]) == main([*given, str(by_model), "--model", str(model)])
-    assert by_model.read_bytes() == by_fit.read_bytes()
 
 
 @pytest.mark.slow

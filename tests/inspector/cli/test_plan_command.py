@@ -9,19 +9,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calib.dataset.dataset import Box, Surroundings
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.simulate import simulate_dataset
-from calib.workcell.known_cell import workcell_of_robot
-from calib.workcell.measurable import measurable
 from inspector.cli.parser import main
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cell") / "cell"
-    made = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(4), poses=45, effects=("joint_compliance",))
+    made = simulate_dataset("rb5", rng=4, poses=45, effects=("joint_compliance",))
     write_dataset(made.dataset, folder)
     return folder
 
@@ -73,16 +69,6 @@ def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert table["role"].tolist() == ["reference", *["train"] * 15]
 
 
-@pytest.mark.slow
-def test_a_first_set_for_the_cell_of_a_dataset(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", str(folder), "--poses", "14", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["poses"][0]["role"] == "reference"
-    assert document["predicted_test_rmse_mm"]["now"] > 1.0  # as large as tolerances
-    assert main(["plan", str(folder), "--poses", "14", "--add", "3"]) == 2
-    assert "give the one" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -130,18 +116,3 @@ def test_candidates_of_the_users_own_keep_their_names_and_joints(
         table.to_csv(offered, index=False)
         assert main(asked) == 2
         assert says in capsys.readouterr().err
-
-
-@pytest.mark.thorough
-def test_a_ball_among_boxes_is_right_in_a_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = ["plan", "rb5", "--poses", "10", "--target", "ball", "--json"]
-    assert main([*given, "--region", "300,700,-300,300,200,700", "--boxes", "400,900,-900,-450,0,900"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["region"] == "the box x 300 to 700, y -300 to 300, z 200 to 700 mm"
-    q = np.array([pose["q"] for pose in document["poses"]])
-    cell = workcell_of_robot(
-        builtin_robot("rb5"), jig=None, surroundings=Surroundings(boxes=(Box("box", (400, -900, 0), (900, -450, 900)),))
-    )
-    assert measurable(cell, np.radians(q)).ok.all()
-    assert main([*given, "--region", "5000,6000,0,1,0,1"]) == 2
-    assert "have the tool point in the box x 5000 to 6000" in capsys.readouterr().err

@@ -46,15 +46,6 @@ def test_plotly_takes_every_value_and_panels_do_not_overlap(columns: int) -> Non
     assert height_px(4, columns) == height_px(4 // columns)
 
 
-def test_titles_name_joint_input_and_units() -> None:
-    layout = joint_curves(ALL, ROBOT).layout
-    assert [title.text for title in layout.annotations] == [f"<b>Joint {joint}</b>" for joint in (2, 3, 3, 2)]
-    across = [layout[f"xaxis{n}"].title.text for n in ("", "2", "3", "4")]
-    assert across == ["joint 2 angle, °", "joint 3 gravity torque, Nm", "q2+q3, °", "temperature, °C"]
-    assert layout.yaxis.title.text == "error, mrad"
-    assert layout.yaxis4.title.text == "error, mm"
-
-
 def test_the_curve_its_band_and_the_measured_inputs_are_as_given() -> None:
     figure = joint_curves([OVER_ANGLE], ROBOT)
     (curve,), (band,), (upper,), (rug,) = (traces(figure, n) for n in (CURVE, BAND, "upper", MEASURED))

@@ -28,14 +28,7 @@ from inspector.figures.residual_plots import (
 )
 from inspector.figures.style import shortened
 from inspector.markup.parts.palette import (
-    FACE_COLOURS,
-    FILTER_COLOURS,
-    GROUP_COLOURS,
-    REJECTED,
     ROLE_COLOURS,
-    group_colour,
-    rgb,
-    role_colour,
 )
 
 NAMES = ("a1", "alpha2", "theta3", "d6", "aTCP")
@@ -71,28 +64,8 @@ def test_heatmap_shows_every_value_and_marks_what_has_no_influence() -> None:
     assert missing.customdata[3][3] == "d6"
 
 
-def test_heatmap_scale_is_symmetric_and_white_at_zero() -> None:
-    fig = correlation_heatmap(NAMES, np.eye(5))
-    assert len(fig.data) == 1  # nothing missing: no grey trace
-    scale = dict(fig.data[0].colorscale)
-    assert scale[0.5] == "#F7F7F7"
-    blue, red = rgb(scale[0.0]), rgb(scale[1.0])
-    assert blue[2] > blue[0]
-    assert red[0] > red[2]
-
-
 def test_heatmap_reads_from_the_top_left() -> None:
     assert correlation_heatmap(NAMES, np.eye(5)).layout.yaxis.autorange == "reversed"
-
-
-def test_convergence_is_logarithmic_in_mm_and_keeps_the_numbers() -> None:
-    fig = convergence([10.0, 1.0, 0.1], [12.0, 2.0, 0.9])
-    assert fig.layout.yaxis.type == "log"
-    assert "mm" in fig.layout.yaxis.title.text
-    np.testing.assert_allclose(fig.data[0].y, [10, 1, 0.1])
-    np.testing.assert_allclose(fig.data[1].y, [12, 2, 0.9])
-    assert [t.name for t in fig.data] == ["training", "test"]
-    assert list(fig.data[0].x) == [0, 1, 2]
 
 
 def test_convergence_without_test_poses_and_with_an_exact_zero() -> None:
@@ -201,26 +174,6 @@ def test_selection_moves_a_ring_and_nothing_else() -> None:
     assert list(outline(bars, "p2").data[0].marker.line.width) == [0, 2]
 
 
-def test_the_work_space_is_seen_from_above_and_from_the_side_with_one_scale_in_mm() -> None:
-    fig = _place()
-    above, side = (next(t for t in fig.data if t.name == "training" and t.yaxis == axis) for axis in ("y", "y2"))
-    assert (list(above.x), list(above.y)) == ([0.0, 600.0, 900.0], [100.0, 700.0, 1000.0])
-    assert (list(side.x), list(side.y)) == ([0.0, 600.0, 900.0], [200.0, 800.0, 1100.0])
-    coloured = [t for t in fig.data if t.customdata is not None]
-    assert {(t.marker.cmin, t.marker.cmax) for t in coloured} == {(0.0, 0.4)}
-    assert [t.marker.showscale for t in coloured].count(True) == 1
-    assert "mm" in coloured[0].marker.colorbar.title.text
-    assert {(t.marker.cmin, t.marker.cmax) for t in _place(signed=True).data if t.customdata} == {(-0.4, 0.4)}
-
-
-def test_palette_has_one_meaning_a_colour() -> None:
-    strong = [*FACE_COLOURS, *ROLE_COLOURS.values(), *FILTER_COLOURS, REJECTED]
-    assert len(set(strong)) == len(strong)
-    assert rgb("#FF8000") == (255, 128, 0)
-    assert role_colour("no such role") not in ROLE_COLOURS.values()
-    assert group_colour(0) == group_colour(len(GROUP_COLOURS))
-
-
 LONG = "pose_number_17_with_a_name_that_is_sixty_characters_long_abc"
 
 
@@ -295,22 +248,3 @@ def test_what_is_no_exception_is_shown(values: list[float]) -> None:
     fig = pose_residuals([f"p{i}" for i in range(len(values))], ["train"] * len(values), values)
     assert fig.layout.yaxis.range is None
     assert all(t.name != "beyond" for t in fig.data)
-
-
-def test_a_zoom_belongs_to_the_numbers_that_are_plotted() -> None:
-    def key(y: list[float], selected: str | None = None, title: str = "y, mm") -> str:
-        fig = residual_against(
-            [0, 1],
-            y,
-            ["a", "b"],
-            [False, True],
-            x_title="x",
-            y_title=title,
-            band=(0, 1),
-            selected=selected,
-        )
-        assert fig.layout.xaxis.uirevision == fig.layout.yaxis.uirevision
-        return str(fig.layout.yaxis.uirevision)
-
-    assert key([1.0, 2.0]) == key([1.0, 2.0], selected="b")
-    assert len({key([1.0, 2.0]), key([1.0, 2.1]), key([1.0, 2.0], title="y, mrad")}) == 3

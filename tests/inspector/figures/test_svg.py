@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inspector.figures.plots import correlation_heatmap, error_history, pose_residuals
+from inspector.figures.plots import error_history, pose_residuals
 from inspector.figures.residual_plots import places_by_role, residual_against
 from inspector.figures.svg.axis import axis_of
 from inspector.figures.svg.figure import svg_of
@@ -68,23 +68,6 @@ def test_an_axis_of_powers_is_even_in_them() -> None:
     assert points[:2] == pytest.approx([up[10.0], up[0.1]], abs=0.2)
     assert "var(--ink)" not in svg or "#24292F" not in svg
     assert 'stroke-dasharray="7 5"' in svg
-
-
-def test_bars_and_cells_carry_their_values() -> None:
-    drawn = pose_residuals(["p1", "p2"], ["train", "test"], [0.2, 0.1])
-    bars = parsed(svg_of(drawn, WIDTH, HEIGHT, name="f", title="t"))
-    told = {r.findtext("title"): float(r.get("height") or 0) for r in bars.iter("rect") if r.find("title") is not None}
-    assert set(told) == {"pose p1 (training)\nresidual 0.2000 mm", "pose p2 (test)\nresidual 0.1000 mm"}
-    assert told["pose p1 (training)\nresidual 0.2000 mm"] == pytest.approx(
-        2.0 * told["pose p2 (test)\nresidual 0.1000 mm"], abs=0.3
-    )
-    r = np.array([[1.0, -1.0, np.nan], [-1.0, 1.0, np.nan], [np.nan] * 3])
-    cells = parsed(svg_of(correlation_heatmap(["a1", "a2", "d1"], r), 700, 660, name="f", title="t"))
-    fills = {c.findtext("title"): c.get("fill") for c in cells.iter("rect") if c.find("title") is not None}
-    assert len(fills) == 9
-    assert fills["a1 – a2\nr = -1.0000"] == "#2166ac"
-    assert fills["a2 – a2\nr = 1.0000"] == "#b2182b"
-    assert fills["a1 – d1\nno influence: d1"] == "#8a8f98"
 
 
 @given(st.floats(-1.0, 1.0))

@@ -9,7 +9,6 @@ import pytest
 
 from calib.calibration.model_versions import LINKS, NOMINAL
 from inspector.app.app import App
-from inspector.markup.parts.palette import MODEL_COLOURS, rgb
 from inspector.panels.model.compare import AUTOMATIC
 from inspector.scene.residual_arrows import FALL_S, LONGEST_SHARE, drawn_as, field_mm, residual_words
 from inspector.scene.scene_view import ROOT
@@ -39,24 +38,8 @@ def arrow_lengths_mm(page: WireClient) -> np.ndarray:
     return np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=1)
 
 
-def test_another_model_is_shown_with_its_own_arrows_and_those_that_were_ticked(app: App, page: WireClient) -> None:
-    def colours() -> set[tuple[int, ...]]:
-        return {tuple(c) for c in array(page, "colors").reshape(-1, 3).tolist()}
-
-    assert app.state.now.compared == {LINKS}
-    page.set("Model shown", NOMINAL)
-    page.wait(lambda _: colours() == {rgb(MODEL_COLOURS[NOMINAL])})
-    page.wait(lambda p: p.scene[f"{ROOT}/arm/label"]["props"]["text"].endswith(NOMINAL))
-    assert app.worker.wait_idle(IDLE_S)  # what goes with a model is ticked last
-    page.set(LINKS, True)
-    page.wait(lambda _: len(colours()) == 2)
-    page.set("Model shown", LINKS)
-    page.wait(lambda _: colours() == {rgb(MODEL_COLOURS[LINKS])})
-
-
 def test_the_factor_suits_what_is_drawn_until_one_is_chosen(app: App, page: WireClient) -> None:
     points = app.state.now.session.dataset.points
-    assert points is not None
     field = field_mm(points.xyz_mm)
     app.arrows(None)
     for name in (NOMINAL, LINKS):
@@ -98,7 +81,6 @@ def test_arrows_have_one_scale_and_fall_from_the_model_before(app: App, page: Wi
     assert app.worker.wait_idle(IDLE_S)
     assert app.state.now.arrows == scale
     version = app.state.now.version
-    assert version is not None
     expected_mm = np.linalg.norm(drawn_as(version.evaluation.error_mm, app.state.now, 1e6)[0], axis=1)
     page.wait(lambda _: np.allclose(arrow_lengths_mm(page), expected_mm, rtol=1e-3), FALL_S + 30.0)
     assert np.median(expected_mm) < np.median(nominal_mm)

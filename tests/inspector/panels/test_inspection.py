@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,8 +18,6 @@ from inspector.markup.legend import EMPTY, legend_html
 from inspector.markup.measure.corner import corner_html
 from inspector.markup.measure.planes import NOT_SEARCHED, passes_note, planes_html
 from inspector.markup.model.comparison import exaggeration
-from inspector.panels.base import ChangedValues
-from inspector.panels.measure.corner import DISTANCES
 from inspector.panels.measure.scans import corner_state, pose_table
 from inspector.report.content import report_of
 from inspector.report.report import report_html
@@ -76,7 +73,6 @@ def test_a_scan_that_was_not_searched_for_planes_has_no_tables_of_zeros(app: App
 
 def test_doubts_are_told_in_the_list_beside_the_pose_and_in_the_progress(app: App, page: WireClient) -> None:
     corner = search(app, NOISY).corner
-    assert corner is not None
     doubts = corner.quality.doubts()
     assert doubts
     assert f"{len(doubts)} doubt" in corner_state(view(app), NOISY)
@@ -136,30 +132,8 @@ def test_the_legend_leaves_out_what_is_not_there(app: App) -> None:
     assert exaggeration(replace(now, compared=frozenset())) == ""
 
 
-@pytest.mark.parametrize("look", ["Scan", "Planes", "Corner", "Distance"])
-def test_a_view_of_one_scan_shows_all_three_faces(app: App, page: WireClient, look: str) -> None:
-    del page
-    for pose in (0, 1, 2):
-        app.select(pose)
-        app.show_view(look)
-        assert app.worker.wait_idle(IDLE_S)
-        corner = search(app, pose).corner
-        assert corner is not None
-        eye = np.array(app.server.initial_camera.position)
-        turned = [float(face.normal @ eye / np.linalg.norm(eye)) for face in corner.faces]
-        assert min(turned) > np.cos(np.radians(75.0)), turned
-
-
-def test_distances_are_a_view_of_the_corner_tab(app: App, page: WireClient) -> None:
-    uuid = next(u for u, m in page.gui.items() if DISTANCES in (m["props"].get("options") or ()))
-    page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": DISTANCES})
-    page.wait(lambda p: p.value("Distances"))  # the layer's tick
-    assert app.stage.view_name == "Distance"
-
-
 def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -> None:
     corner = search(app, 0).corner
-    assert corner is not None
     shows(page, f"{corner.quality.margin_mm:.2f} mm", f"{corner.quality.amplification:.1f} times less certain")
 
 
@@ -176,19 +150,7 @@ def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doub
     page = html.unescape(report_html(report_of(app.state.now.session), now=datetime(2024, 5, 1, tzinfo=UTC)))
     ids = app.state.now.session.dataset.poses.ids
     corner = search(app, NOISY).corner
-    assert corner is not None
     assert f"is left out: {search(app, FEW).failure}" in page
     assert f"{ids[NOISY]} is doubtful: {corner.quality.doubts()[0]}" in page
     assert "Ringed" not in page  # no pose is selected on paper
     assert "Seen by" in page
-
-
-def test_a_choice_whose_turn_is_still_to_come_is_not_taken_back() -> None:
-    widget, news = SimpleNamespace(value=""), ChangedValues()
-    news.put(widget, "first")
-    assert widget.value == "first"
-    widget.value = "chosen by a page"
-    news.put(widget, "first")  # something else has changed meanwhile
-    assert widget.value == "chosen by a page"
-    news.put(widget, "second")
-    assert widget.value == "second"

@@ -46,7 +46,6 @@ def offered(page: WireClient) -> bool:
 def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: WireClient) -> None:
     assert app.worker.wait_idle(IDLE_S)
     learned = session(app).curves
-    assert learned is not None
     page.wait(offered)
     assert page.props("Effect")["options"][0] == LEARNED
     assert not curves_drawn(page)

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from calib.present.effects import not_testable
@@ -86,17 +85,6 @@ def test_what_cannot_be_fitted_leaves_nothing_of_the_dataset_before(folder: Path
             page.wait(lambda p, label=label: list(p.props(label)["options"]) == ["–"])  # type: ignore[misc]
 
 
-def test_the_residual_against_what_the_candidate_makes_of_it(app: App, page: WireClient) -> None:
-    screening = session(app).screening
-    assert screening is not None
-    best = screening.candidates[0]
-    figures = [json.loads(text) for text in page.figures() if text]
-    points = next(f["data"][0] for f in figures if [t.get("name") for t in f["data"]][1:] == ["agreement"])
-    assert points["x"] == pytest.approx(best.explained.tolist())
-    assert points["y"] == pytest.approx(screening.projected.residual.tolist())
-    assert np.corrcoef(points["x"], points["y"])[0, 1] > 0.9
-
-
 @pytest.mark.thorough
 def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     for _ in range(50):
@@ -171,7 +159,6 @@ def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: W
         "missing is the transmission error",
     )
     residual_tests = session(app).residual_tests
-    assert residual_tests is not None
     assert not residual_tests.structured
     page.press("Model", UNDO)
     shows(page, "What is left: a systematic dependence on")
@@ -194,16 +181,9 @@ def left_plot(page: WireClient) -> dict[str, Any]:
     return {}
 
 
-def ring(page: WireClient) -> tuple[float, float]:
-    selected = left_plot(page)[SELECTED]
-    return selected["x"][0], selected["y"][0]
-
-
 def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App, page: WireClient) -> None:
     pose_errors = session(app).pose_errors
-    assert pose_errors is not None
     residual_tests = session(app).residual_tests
-    assert residual_tests is not None
     first = residual_tests.inputs[0]
     assert residual_tests.structured  # so it opens there
     assert page.value("Against") == input_title(first.input, session(app).dataset.robot)
@@ -222,21 +202,6 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
         drawn = left_plot(page)[name]
         assert drawn["x"] == pytest.approx(pose_errors.inputs["temperature_c"][rows].tolist())
         assert drawn["y"] == pytest.approx((degrees * pose_errors.apparent_joint_error[rows, 2]).tolist())
-
-
-def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: WireClient) -> None:
-    pose_errors = session(app).pose_errors
-    assert pose_errors is not None
-    worst = pose_errors.worst(1)[0]
-    page.set("Against", "joint 1 angle, °")
-    page.set("Show", "error length")
-    page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
-    page.set("Worst poses", page.props("Worst poses")["options"][1])
-    page.wait(lambda p: p.value("Pose").startswith(f"{worst} "))
-    page.wait(lambda p: ring(p)[1] == pytest.approx(pose_errors.error_length_mm.max()))
-    page.trigger("Previous pose")
-    page.wait(lambda p: not p.value("Worst poses").startswith(f"{worst} "))
-    page.wait(lambda p: ring(p)[1] < pose_errors.error_length_mm.max())
 
 
 @pytest.mark.thorough

@@ -24,7 +24,6 @@ FAR = {7: (0.0, 2.0, 0.0), 21: (1.5, 0.0, 0.5)}  # mm, by which points are off
 def write_outlying(folder: Path, seed: int, *effects: tuple[str, float]) -> tuple[Path, list[str]]:
     """64 poses at `folder`, points of two of them far off; the folder, and the ids of these two."""
     dataset = arm(seed, *effects)
-    assert dataset.points is not None
     xyz_mm = dataset.points.xyz_mm.copy()
     for row, by_mm in FAR.items():
         xyz_mm[row] += by_mm
@@ -55,10 +54,8 @@ def test_poses_that_a_diagnosis_names_are_left_out_as_one_change(tmp_path: Path)
     folder, ids = write_outlying(tmp_path / "uneven", 2004, UNNAMED)
     with idle_app(folder) as app, WireClient(app.server.get_port()) as page:
         session = app.state.session
-        assert session.residual_tests is not None
         poses = session.residual_tests.outlier_poses
         assert set(poses) <= set(ids)
-        assert session.diagnosis is not None
         assert session.diagnosis.verdict == "unexplained"
         label = leave_out_label(poses)
         assert buttons(page, label) == 2  # in "What is missing" and "Where it fails"
@@ -82,10 +79,8 @@ def test_a_pose_that_an_effect_may_explain_has_no_button(tmp_path: Path) -> None
     folder, _ = write_outlying(tmp_path / "soft", 5, ("backlash", 6.0))
     with idle_app(folder) as app, WireClient(app.server.get_port()) as page:
         session = app.state.session
-        assert session.residual_tests is not None
         assert session.residual_tests.outlier_poses
         assert session.diagnosis is None
-        assert session.advice is not None
         assert isinstance(session.advice.move, AddEffect)
         assert buttons(page, leave_out_label(session.residual_tests.outlier_poses)) == 0
 

@@ -43,7 +43,6 @@ def test_arrows_before_and_after_a_change_and_of_what_it_moved(app: App, page: W
     assert np.any(pairs.explained_mm)
     app.version("link errors")
     points = app.state.now.session.dataset.points
-    assert points is not None
 
     def starts_at(page: WireClient, poses: IndexArray) -> bool:
         arrows = drawn(page, "residuals/arrows")

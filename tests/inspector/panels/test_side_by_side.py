@@ -59,13 +59,3 @@ def test_an_earlier_version_of_the_model_stands_beside_it(app: App) -> None:
 def test_another_kind_of_arm_is_refused_where_it_is_looked_for(app: App) -> None:
     assert "not of the same kinds" in beside(app, "other arm")
     assert not app.panels.side_by_side._plot.visible
-
-
-def test_what_is_beside_follows_the_dataset_on_show(app: App) -> None:
-    beside(app, "before")
-    app.open("before")
-    assert app.worker.wait_idle(IDLE_S)
-    assert app.panels.side_by_side.chosen == NONE  # it is the one on show now
-    assert "zero of joint 3 (theta3) by −0.0" in beside(app, "after")
-    app.open("after")
-    assert app.worker.wait_idle(IDLE_S)

@@ -75,16 +75,3 @@ def test_it_plays_to_the_last_pose_and_stops(app: App) -> None:
     app.play(True)  # again, from the first
     app.play(False)
     assert selected(app) in order[:3]
-
-
-@pytest.mark.slow
-def test_without_times_there_is_no_timeline(app: App) -> None:
-    assert app.panels.review.timeline._folder.visible
-    app.open("b plain")
-    assert app.worker.wait_idle(IDLE_S)
-    assert not app.panels.review.timeline._folder.visible
-    app.play(True)
-    app.at_time(5.0)
-    assert selected(app) == 0
-    app.open("a timed")
-    assert app.worker.wait_idle(IDLE_S)

@@ -10,16 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array
 from calib.present.cause.candidates import explained_at
 from calib.screening.candidates import explained_shares_at
 from inspector.app.app import App
-from inspector.markup.parts.palette import HIGHLIGHT, rgb
-from inspector.panels.review import CLEAR_BOX, LEAVE_BOX
-from inspector.scene.scene_view import ROOT, Sight
-from tests.support.app import IDLE_S, idle_app, shows
+from inspector.scene.scene_view import Sight
+from tests.support.app import idle_app
 from tests.support.hidden_dataset import HIDDEN, write_hidden
-from tests.support.wire_client import WireClient
 
 
 def sight(rotation: Array | None = None, position: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Sight:
@@ -48,34 +45,9 @@ def app(tmp_path: Path) -> object:
         yield running
 
 
-@pytest.mark.thorough
-def test_the_poses_in_a_box_are_marked_explained_and_left_out(app: App) -> None:
-    def first_five(points: Array) -> BoolArray:
-        return np.arange(len(points)) < 5
-
-    with WireClient(app.server.get_port()) as page:
-        app.box(first_five)
-        assert app.worker.wait_idle(IDLE_S)
-        shows(page, "5 poses in the box", "would explain")
-        assert app.state.now.boxed == (0, 1, 2, 3, 4)
-        colours = np.asarray(page.scene[f"{ROOT}/corners/points"]["props"]["colors"]).reshape(-1, 3)
-        assert (colours == rgb(HIGHLIGHT)).all(axis=1).sum() == 5
-        ids = app.state.now.session.dataset.poses.ids[:5]
-        page.press("These poses", LEAVE_BOX)
-        page.wait(lambda _: set(ids) <= app.state.now.session.uncounted)
-        assert app.worker.wait_idle(IDLE_S)
-        assert app.state.now.boxed == ()
-        assert len(app.state.now.session.steps) == 2
-        app.box(first_five)
-        page.wait(lambda p: p.props("These poses")["visible"])
-        page.press("These poses", CLEAR_BOX)
-        page.wait(lambda p: not p.props("These poses")["visible"])
-
-
 @pytest.mark.slow
 def test_the_hidden_effect_explains_most_at_any_poses(app: App) -> None:
     screening = app.state.now.session.screening
-    assert screening is not None
     ids = tuple(dict.fromkeys(screening.projected.row_poses))[:8]
     shares = explained_shares_at(screening, ids)
     assert max(shares, key=shares.__getitem__) == HIDDEN

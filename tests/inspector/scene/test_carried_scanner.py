@@ -8,7 +8,6 @@ import numpy as np
 
 from calib import calibrate, frames
 from calib.calibration.model_versions import LINKS, NOMINAL, versions
-from calib.calibration.pose_errors import pose_errors_of
 from inspector.export.glb_scene import scene_glb
 from inspector.markup.legend import legend_html
 from inspector.report.arm_drawing import arm_drawing
@@ -28,19 +27,11 @@ def test_the_flange_stays_before_the_scanner_and_the_base_moves() -> None:
     mounted = frames.invert(fitted.evaluation.scanner_T_base[""])
     arms = [arm_of(fitted, pose) for pose in (0, 7, 20)]
     for arm in arms:
-        assert arm is not None
         np.testing.assert_allclose(arm.base_T_link[-1], frames.invert(mounted), atol=1e-9)
         ends = arm.end_mm[arm.part == "tool"]
         assert np.min(np.linalg.norm(ends, axis=1)) < 1e-9  # a piece of the arm ends at the scanner
     bases = fitted.scanner_T_base[[0, 7, 20], :3, 3]
     assert np.ptp(bases, axis=0).max() > 100.0
-
-
-def test_the_jig_stands_still_in_the_base_frame() -> None:
-    places = pose_errors_of(CALIBRATION).place_mm
-    assert np.ptp(places, axis=0).max() < 0.2
-    jig_mm = CALIBRATION.robot.target("jig").xyz_mm
-    np.testing.assert_allclose(places.mean(axis=0), jig_mm, atol=0.05)
 
 
 def test_report_and_glb_draw_it() -> None:
@@ -59,7 +50,6 @@ def test_the_legend_says_from_where_it_is_drawn() -> None:
 def test_other_scans_are_brought_to_the_room_by_the_model_on_show() -> None:
     """The jig of every scan comes to lie on that of the selected one, as far as the model is right."""
     points = CALIBRATION.dataset.points
-    assert points is not None
     session = with_calibration(Session(CALIBRATION.dataset))
     session = with_versions(session, session)
     spread_mm = {}

@@ -14,8 +14,6 @@ from inspector.scene.shapes import (
     ellipsoids,
     facing,
     jig_edges,
-    shaded,
-    spread,
     thin,
     unit_cylinder,
     unit_sphere,
@@ -101,11 +99,3 @@ def test_metres_are_made_in_one_place_and_keep_a_tenth_of_a_micrometre() -> None
     points = np.random.default_rng(3).uniform(-1000, 1000, (1000, 3))
     assert M_PER_MM == 1e-3
     assert np.abs(to_scene(points).astype(float) * 1000 - points).max() < 1e-4
-
-
-def test_shading_stays_a_colour() -> None:
-    normals = np.vstack([np.eye(3), -np.eye(3)])
-    colours = shaded(np.array([255, 10, 0]), normals)
-    assert colours.dtype == np.uint8
-    assert len(np.unique(colours[:, 0])) > 2
-    assert spread(np.array([[3.0, 0, 0]] * 10), np.zeros(3)) == 3.0

@@ -110,8 +110,6 @@ def test_a_crowd_beyond_the_open_files_is_one_line_and_the_page_is_served_on(
         with WireClient(port) as page, caplog.at_level(logging.WARNING):
             command = [sys.executable, "-S", "-c", CROWD, str(port)]
             with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as crowd:
-                assert crowd.stdin is not None
-                assert crowd.stdout is not None
                 taken = {int(path.name) for path in Path("/proc/self/fd").iterdir()}
                 free = [number for number in range(10_000) if number not in taken]
                 resource.setrlimit(resource.RLIMIT_NOFILE, (free[20], usual[1]))

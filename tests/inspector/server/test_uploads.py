@@ -271,7 +271,6 @@ def test_what_a_killed_server_left_is_removed_at_the_next_start_and_not_before(t
     (tmp_path / "elsewhere").mkdir()
     (data / ".arriving-link").symlink_to(tmp_path / "elsewhere")
     other = subprocess.Popen([sys.executable, "-c", LEFT, str(data)], stdout=subprocess.PIPE)
-    assert other.stdout is not None
     assert other.stdout.readline() == b"there\n"
     assert [path.name for path in files(data)] == ["part.x"]
     Desk(data).uploads.close()

@@ -15,7 +15,7 @@ from websockets.exceptions import InvalidStatus
 from calib.errors import CalibError
 from inspector.panels.input_checks import clamped, one_of
 from inspector.server import viser_server as server_module
-from inspector.server.viser_server import ServerError, origin_allowed, start_server, tell, url_of
+from inspector.server.viser_server import ServerError, origin_allowed, start_server, url_of
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
@@ -219,15 +219,6 @@ def test_one_of_and_clamped() -> None:
     assert clamped(-1, 0, 10, 1) == 0
     for bad in (float("nan"), float("inf"), "5", None, True, [5]):
         assert clamped(bad, 0, 10, 1) == 1
-
-
-def test_tell_reaches_every_page(server: server_module.InspectorServer) -> None:
-    with WireClient(server.get_port()) as one, WireClient(server.get_port()) as two:
-        one.wait(lambda _: len(server.get_clients()) == 2)
-        tell(server, "Could not do it", "because of this")
-        for client in (one, two):
-            client.wait(lambda c: c.notifications)
-            assert client.notifications[0]["props"]["body"] == "because of this"
 
 
 def test_private_names_stay_in_two_files() -> None:

@@ -9,35 +9,9 @@ import numpy as np
 import pytest
 
 from inspector.cli.parser import main
-from inspector.session import measuring
-from inspector.session import transitions as sessions
-from inspector.session.reopening import dataset_of, reopened
-from inspector.session.session_file import Shown, load_session, save_session
 from tests.support import ROOT
 
 SLIPPED = ROOT / "sample_data" / "hidden_effect_c"
-NOISE_MM = 0.05
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_a_slip_is_advised_added_and_opened_again(tmp_path: Path) -> None:
-    before = sessions.with_screening(sessions.with_calibration(measuring.open_session(SLIPPED)))
-    assert before.advice is not None
-    assert before.advice.effect == "joint_step"
-    session = sessions.with_screening(sessions.with_effect(before, "joint_step"))
-    assert session.diagnosis is not None
-    assert (session.diagnosis.verdict, session.diagnosis.missing) == ("named", ("joint_step",))
-    assert session.calibration is not None
-    assert session.calibration.after.test is not None
-    assert session.calibration.after.test.rmse_mm < 1.3 * np.sqrt(3.0) * NOISE_MM
-    save_session(tmp_path / "session.json", session, Shown())
-    saved = load_session(tmp_path / "session.json")
-    again, notes = reopened(measuring.open_session(dataset_of(saved, SLIPPED)), saved)
-    assert notes == ()
-    assert again.calibration is not None
-    np.testing.assert_allclose(again.calibration.fit.x, session.calibration.fit.x, atol=1e-9)
-    assert sessions.without_effect(again, "joint_step").effects == ()
 
 
 @pytest.mark.thorough

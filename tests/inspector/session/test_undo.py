@@ -35,12 +35,6 @@ def test_each_change_is_taken_back_and_made_again_as_far_as_there_are_any(fitted
     assert undo.future == []
 
 
-def test_a_first_model_cannot_be_taken_back(fitted: Session) -> None:
-    undo = Undo()
-    undo.changed(Session(fitted.dataset))
-    assert undo.past == []
-
-
 def test_a_view_shows_the_versions_that_its_session_holds_and_fits_nothing(
     fitted: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -131,10 +131,6 @@ def test_a_changed_file_is_taken_and_a_broken_one_told_in_a_line(served: tuple[A
         shows(page, "own effects read again")
         assert app.worker.wait_idle(IDLE_S)
         again = session(app).calibration
-        assert again is not None
-        assert fitted is not None
-        assert again.after.train is not None
-        assert fitted.after.train is not None
         assert again.after.train.rmse_mm != pytest.approx(fitted.after.train.rmse_mm, rel=1e-3)
         assert np.isfinite(again.after.train.rmse_mm)
         path.write_text(FILE.replace("ORDER", "3").replace('"ripple"', '"wave"'))  # the old one is gone

@@ -199,7 +199,6 @@ def test_a_wave_that_grows_with_the_load_is_told_with_its_size(rippled: tuple[Si
     simulated, found = rippled
     joint, moved = _true_motion(simulated)
     assert found.verdict == "unexplained"
-    assert found.learned is not None
     assert found.learned.laws is not None
     (law,) = law_readings(found.calibration)
     assert (law.kind, law.joint, law.waves_per_turn) == (LOAD_BY_ANGLE, joint + 1, (28,))
@@ -208,7 +207,6 @@ def test_a_wave_that_grows_with_the_load_is_told_with_its_size(rippled: tuple[Si
     assert curve.rms == pytest.approx(rms(moved[train]), rel=0.05)
     assert law.low < law.size < law.high < law.bound
     test = law.refuted_by
-    assert test.sweep is not None
     assert test.sweep.joint == joint + 1
     assert len(set(test.at_poses)) == 2
     assert test.forecast_mm > law.tool_mm > 0.0
@@ -221,7 +219,6 @@ def test_it_reads_the_same_in_words_and_in_the_document(rippled: tuple[Simulated
     words = law_sentence(law)
     assert words.startswith(f"Joint {law.joint} errs by a wave of 28 a turn over its own angle, in proportion to")
     assert "To refute it, move joint" in words
-    assert found.learned is not None
     document = json.loads(json.dumps(to_dict(found)))["learned"]["laws"]
     assert document == json.loads(json.dumps(laws_document([law], found.learned.laws)))
     assert document[0]["words"] == words
@@ -257,12 +254,9 @@ def test_it_comes_back_from_its_files(rippled: tuple[Simulated, Diagnosis], tmp_
 def test_other_laws_are_told_of_the_right_joint(name: str, number: int) -> None:
     simulated, found = _told(name, number, 3)
     joint, _ = _true_motion(simulated)
-    assert found.learned is not None
     told = [(m.joint, law_kind(m.joint, m.modes)) for m in found.learned.members if isinstance(m.modes, FormulaModes)]
     assert (joint, FORMS[name]) in told
-    assert found.calibration.after.test is not None
     before = found.steps[0].calibration.after.test
-    assert before is not None
     assert found.calibration.after.test.rmse_mm < 0.6 * before.rmse_mm
 
 

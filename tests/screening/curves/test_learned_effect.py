@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,6 @@ from tests.support.hidden_dataset import UNNAMED, arm
 
 
 def test_rmse_mm(calibration: Calibration) -> float:
-    assert calibration.after.test is not None
     return calibration.after.test.rmse_mm
 
 
@@ -57,21 +55,6 @@ def test_what_one_joint_does_is_learned_nearly_as_well_as_if_it_had_a_name(seed:
     before, after = add_in_turn(arm(seed, (cause, 3.0), robot=robot), [LEARNED])
     assert test_rmse_mm(before.calibration) > 2.0 * floor_mm
     assert test_rmse_mm(after.calibration) < 1.3 * floor_mm
-
-
-@pytest.mark.thorough
-def test_a_short_formula_is_given_where_it_says_as_much(ripple: Dataset) -> None:
-    found = diagnose(ripple)
-    assert found.verdict == "unexplained"
-    assert found.missing == ()
-    assert found.learned is not None
-    assert found.learned.joints == (1,)
-    assert found.learned.formula is not None
-    assert "sin(23 q1)" in found.learned.formula
-    assert found.steps[-1].effect == LEARNED
-    assert "learned" in found.summary()
-    (member,) = found.learned.members
-    assert isinstance(member.modes, FormulaModes)
 
 
 @pytest.mark.thorough
@@ -106,29 +89,6 @@ def test_the_file_says_what_was_learned_and_is_an_effect_again(ripple: Dataset, 
     assert all(np.array_equal(apply_values(m, state, np.ones(1)).vector, state.vector) for m in others)
 
 
-@pytest.mark.thorough
-def test_the_command_writes_it_and_correct_takes_it(ripple: Dataset, tmp_path: Path, capsys) -> None:
-    write_dataset(ripple, tmp_path / "cell")
-    curves = tmp_path / "my_effect.py"
-    assert main(["diagnose", str(tmp_path / "cell"), "--learned-out", str(curves), "--json"]) == 0
-    learned = json.loads(capsys.readouterr().out)["learned"]
-    assert learned["joints"] == [1]
-    assert learned["inputs"] == ["q1"]
-    assert 0.5 < learned["share"] < 1.0
-    targets = tmp_path / "targets.csv"
-    targets.write_text("".join((tmp_path / "cell" / "poses.csv").read_text().splitlines(keepends=True)[:4]))
-    asked = [
-        "--effects-file",
-        str(curves),
-        "--effect",
-        "learned_joint_error",
-        "--out",
-        str(tmp_path / "out.csv"),
-    ]
-    assert main(["correct", str(tmp_path / "cell"), "--joints", str(targets), *asked]) == 0
-    assert (tmp_path / "out.csv").is_file()
-
-
 @pytest.mark.slow
 def test_nothing_is_written_where_nothing_was_learned(tmp_path: Path, capsys) -> None:
     write_dataset(arm(1), tmp_path / "cell")
@@ -154,7 +114,6 @@ def test_a_real_arm_ends_near_what_its_data_can_give() -> None:
 def test_fifty_poses_of_a_real_arm_end_with_curves_although_names_are_tied(seed: int) -> None:
     """Effects that explain a tenth of what all joints' curves do are no reason to leave those out."""
     dataset = load_dataset(ROOT / "sample_data" / "ur10_ipa")
-    assert dataset.points is not None
     training = np.flatnonzero(dataset.poses.role == "train")
     chosen = np.random.default_rng(seed).choice(training, 50, replace=False)
     kept = (dataset.poses.role != "train") | np.isin(np.arange(len(dataset.poses)), chosen)

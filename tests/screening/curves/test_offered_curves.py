@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +23,6 @@ from calib.rendering.blocks import plain
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.statistics import rms
-from inspector.cli.parser import main
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
@@ -55,7 +53,6 @@ def fitted(dataset: Dataset) -> Calibration:
 def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session) -> None:
     assert ranked.screening is not None
     assert ranked.curves is not None
-    assert ranked.advice is not None
     assert not any(map(is_convincing, ranking_given_curves(ranked.screening, ranked.curves).candidates))
     assert ranked.advice.effect == LEARNED
     said = plain(advice_words(ranked.advice))
@@ -67,14 +64,11 @@ def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session)
 def test_a_convincing_name_comes_before_curves(tmp_path: Path) -> None:
     named = sessions.with_screening(sessions.with_calibration(measuring.open_session(write_hidden(tmp_path))))
     assert named.curves is None
-    assert named.advice is not None
     assert named.advice.effect == "transmission_error"
 
 
 def test_a_cause_of_one_place_or_pose_gives_way_to_curves_that_say_more(ranked: Session) -> None:
     screening, curves = ranked.screening, ranked.curves
-    assert screening is not None
-    assert curves is not None
 
     least = (curves.log_evidence - MIN_LOG_BAYES_FACTOR) / CURVES_SHARE
 
@@ -91,12 +85,8 @@ def test_a_cause_of_one_place_or_pose_gives_way_to_curves_that_say_more(ranked: 
 
 def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Session) -> None:
     assert ranked.calibration is not None
-    assert ranked.residual_tests is not None
-    assert ranked.advice is not None
-    assert ranked.curves is not None
     move, fault = ranked.advice.move, ranked.residual_tests.fault
     assert isinstance(move, AddCurves)
-    assert fault is not None
     told = plain(advice_words(advice_on(move, ranked.residual_tests, ranked.calibration)))
     assert plain(fault_words(fault)) in told  # the curve is of that joint alone
     (member,) = ranked.curves.members
@@ -144,18 +134,3 @@ def test_values_are_told_as_people_read_them(fitted: Calibration) -> None:
     over_torque = replace(curve, is_revolute=False, input_unit="Nm")
     assert over_torque.unit == "mm"
     assert (over_torque.scale, over_torque.input_scale) == (1.0, 1.0)
-
-
-@pytest.mark.thorough
-def test_the_terminal_tells_curves_in_a_line_and_json_keeps_all_parameters(folder: Path, capsys) -> None:
-    asked = ["calibrate", str(folder), "--add", LEARNED]
-    assert main(asked) == 0
-    text = capsys.readouterr().out
-    below = text.partition("learned curves of the joints:\n")[2]
-    row = next(line for line in below.splitlines() if line.startswith("  1 ") and "q1" in line)
-    assert " mrad  " in row
-    assert "; theta1 += " in below
-    assert f"{LEARNED}.J1" not in text
-    assert main([*asked, "--json"]) == 0
-    names = [p["name"] for p in json.loads(capsys.readouterr().out)["parameters"]]
-    assert any(name.startswith(f"{LEARNED}.J1") for name in names)

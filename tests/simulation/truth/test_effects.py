@@ -240,7 +240,6 @@ def test_changes_are_there_from_their_pose_on(rb5: SimulatedCell) -> None:
     slid = rb5.moved_mm(TargetStep(shift, 9))
     np.testing.assert_allclose(np.linalg.norm(slid, axis=1), after * np.linalg.norm(shift), atol=1e-9)
     time_s = rb5.conditions.time_s
-    assert time_s is not None
     warm, now = WarmUp(2e-4, 900.0), 2e-4 * (1.0 - np.exp(-(time_s - time_s[0]) / 900.0))
     told = replace(rb5.conditions, temperature_c=20.0 + now / 2e-5)
     cell = replace(rb5, conditions=told)
