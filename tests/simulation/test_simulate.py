@@ -99,23 +99,6 @@ def test_poses_spread_farther_than_the_first_ones() -> None:
     assert closest(q[chosen]) > 1.5 * closest(q[:30])
 
 
-<<<<<<< HEAD
-@pytest.mark.slow
-@pytest.mark.parametrize("arm", ARMS)
-def test_drawn_compliance_sags_visibly(arm: str) -> None:
-    simulation = simulate_dataset(builtin_robot(arm), rng=np.random.default_rng(10), effects=("joint_compliance",))
-    truth, q = simulation.truth, simulation.dataset.poses.q
-    rigid, (effect,) = truth.with_effects(), truth.effects
-    assert isinstance(effect, JointCompliance)
-    sag_mm = np.linalg.norm(simulation.apex_mm - scanner_T_target(rigid, q)[:, :3, 3], axis=1)
-    assert 0.15 < rms(sag_mm) < 0.6
-    assert np.all(effect.c_rad_per_nm < 2e-4)
-    down_mm = (simulation.apex_mm - scanner_T_target(rigid, q)[:, :3, 3]) @ truth.base_T_scanner[:3, :3].T
-    assert np.mean(down_mm[:, 2] < 0) > 0.75  # a joint that yields may lift what lies behind its axis
-
-
-=======
->>>>>>> a834e168 (Tests tell what is there without asserting it, and simulate by name and seed; second looks are gone)
 def test_noise_and_repeats_are_as_asked() -> None:
     simulation = simulate_dataset(
         "rb5",
