@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +16,8 @@ from calib.options import FitOptions
 from calib.present.fit import error_headline as headlines
 from calib.present.fit.calibration import calibration_document, calibration_warnings
 from calib.rendering.numbers import column_mm
-from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.commands import answered
 
 
 def exact_arm(*, slide: bool = False, setups: int = 1) -> Dataset:
@@ -64,8 +63,7 @@ def test_a_fit_that_is_better_does_not() -> None:
 
 
 @pytest.mark.slow
-def test_diagnose_has_the_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_diagnose_has_the_key(tmp_path: Path) -> None:
     write_dataset(exact_arm(setups=2), tmp_path / "cell")
-    assert main(["diagnose", str(tmp_path / "cell"), "--no-prior", "--max-steps", "0", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("diagnose", tmp_path / "cell", "--no-prior", "--max-steps", "0")
     assert "worse than robot.toml" in document["worse_than_nominal"]

@@ -37,6 +37,7 @@ from tests.support.arms import (
     random_arm,
     random_transform,
 )
+from tests.support.commands import answered, printed, refused
 
 
 def tool_axes(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -341,8 +342,7 @@ def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: P
     q = np.array([[0.3, 0.4, 1.1, 0.2, 0.9, 0.1], [-1.0, 0.2, 1.4, 0.5, -1.1, 2.0]])
     joints = write_targets(tmp_path / "targets.csv", q, pose=["grip", "place"], note=["a", "b"])
     out = tmp_path / "corrected.csv"
-    assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("correct", cell, "--joints", joints, "--out", out)
     assert document["what"] == "position"  # a point tells no attitude
     assert "no attitude is claimed" in document["attitude"]
     assert document["unreached"] == document["not_reached"] == []
@@ -364,8 +364,7 @@ def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: P
 
     q[1, 2] = 4.0  # beyond the limit of 180 deg
     joints = write_targets(tmp_path / "targets.csv", q)
-    assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out)]) == 1
-    assert re.search(r"\n +2 +missed by", words := capsys.readouterr().out)
+    assert re.search(r"\n +2 +missed by", words := printed("correct", cell, "--joints", joints, "--out", out, code=1))
     assert "J3 stands at its limit of 180°" in words
     written = pd.read_csv(out)
     assert written["reached"].tolist() == [True, False]
@@ -379,7 +378,7 @@ def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: P
     assert document["targets"][1]["q"] is None
 
 
-def test_the_command_refuses_in_one_line(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path) -> None:
+def test_the_command_refuses_in_one_line(cell: Path, tmp_path: Path) -> None:
     good = write_targets(tmp_path / "good.csv", np.full((1, 6), 0.5))
     short = write_targets(tmp_path / "short.csv", np.zeros((1, 5)))
     odd = tmp_path / "odd.csv"
@@ -390,12 +389,9 @@ def test_the_command_refuses_in_one_line(capsys: pytest.CaptureFixture[str], cel
     out = tmp_path / "out.csv"
 
     def refused(folder: Path, joints: Path, *more: str) -> str:
-        assert main(["correct", str(folder), "--joints", str(joints), "--out", str(out), *more]) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.count("\n") == 1
+        captured = refused("correct", folder, "--joints", joints, "--out", out, *more)
         assert not out.exists()
-        return captured.err
+        return captured
 
     assert "no such file" in refused(cell, tmp_path / "nowhere.csv")
     assert "missing column q6_deg" in refused(cell, short)
@@ -472,9 +468,7 @@ def test_a_column_that_the_arm_depends_on_has_to_be_there(capsys: pytest.Capture
     np.testing.assert_allclose(moved, [-0.8, 0.0, 0.0], atol=0.05)
 
 
-def test_targets_have_the_conditions_that_poses_may_have(
-    capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path
-) -> None:
+def test_targets_have_the_conditions_that_poses_may_have(cell: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.csv"
     for more, says in (
         ({"payload_kg": [-1.0]}, "line 2, column payload_kg: found -1, beyond 0 to 100000; correct"),
@@ -486,8 +480,7 @@ def test_targets_have_the_conditions_that_poses_may_have(
         ),
     ):
         joints = write_targets(tmp_path / "targets.csv", np.zeros((1, 6)), **more)
-        assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out)]) == 2
-        assert says in (said := capsys.readouterr().err)
+        assert says in (said := refused("correct", cell, "--joints", joints, "--out", out))
         assert said.count("\n") == 1
         assert not out.exists()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +20,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.frames import apply, make_transform, rotation_from_rotvec
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.arm_sampling import SIMULATED_EFFECTS
-from inspector.cli.parser import main
+from tests.support.commands import answered, printed
 from tests.support.sweeps import sweep
 from tests.support.wrong_sheets import ARMS, simulated, turned, with_joints, with_points
 
@@ -141,20 +140,18 @@ def test_a_turned_joint_is_told_of_few_poses_in_a_narrow_range(joint: int) -> No
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", sweep(["hidden_effect_a", "hidden_effect_c"], every_run=["hidden_effect_a"]))
-def test_a_turned_last_joint_is_no_wobbling_axis(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_turned_last_joint_is_no_wobbling_axis(name: str, tmp_path: Path) -> None:
     data = load_dataset(ROOT / "sample_data" / name)
     folder = tmp_path / name
     write_dataset(turned(data, 6), folder)
-    assert main(["diagnose", str(folder), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answered("diagnose", folder)
     assert (told["verdict"], told["missing"], told["suspected"]) == ("unexplained", [], [])
     problem = told["data_problem"]
     assert (problem["kind"], problem["joints"]) == ("joint_sign", [6])
     assert "negate column q6_deg" in problem["mend"]
     assert problem["rmse_mm"]["then"] < 0.7 * problem["rmse_mm"]["now"]
     assert told["explanation"].startswith("Joint 6 turns the other way than robot.toml says")
-    assert main(["check", str(folder)]) == 1
-    assert re.search(r"FAIL +data +joint 6 turns the other way", capsys.readouterr().out)
+    assert re.search(r"FAIL +data +joint 6 turns the other way", printed("check", folder, code=1))
 
 
 @pytest.mark.thorough

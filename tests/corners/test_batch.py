@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import pickle
@@ -33,6 +32,7 @@ from calib.parallel import map_as_completed
 from calib.scans.scan import write_scan
 from inspector.cli.parser import main
 from inspector.cli.progress import processes
+from tests.support.commands import answered
 from tests.support.scan_scene import make_scene
 
 SPAWN = multiprocessing.get_context("spawn")
@@ -233,8 +233,7 @@ def test_the_command_finds_the_same_with_any_number_of_processes(
     capsys.readouterr()
     printed = []
     for count in ("1", "2"):
-        assert main(["corners", str(tmp_path / "cell"), "--processes", count, "--json"]) == 0
-        corners = json.loads(capsys.readouterr().out)["corners"]
+        corners = answered("corners", tmp_path / "cell", "--processes", count)["corners"]
         printed.append([{k: v for k, v in corner.items() if k != "seconds"} for corner in corners])
     assert len(printed[0]) == 3
     assert printed[0] == printed[1]

@@ -16,8 +16,8 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import load_robot_toml, robot_to_toml
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from tests.support.app import command
 from tests.support.arms import dataset_of, jang_arm, perturbed, random_arm
+from tests.support.commands import answered
 
 COUPLING = np.eye(6)
 COUPLING[2, 1] = 1.0  # q3 = q2 + q3', a parallelogram
@@ -59,7 +59,7 @@ def test_corrected_targets_are_commanded_ones(dataset: Dataset, tmp_path: Path) 
         targets, out = folder / "targets.csv", folder / "corrected.csv"
         q = robot.commands_of(dataset.poses.q[:5])
         pd.DataFrame(np.degrees(q), columns=[f"q{k + 1}_deg" for k in range(6)]).to_csv(targets, index=False)
-        document = command("correct", folder, "--joints", targets, "--out", out)
+        document = answered("correct", folder, "--joints", targets, "--out", out)
         written = np.radians(pd.read_csv(out)[[f"q{k + 1}_deg" for k in range(6)]].to_numpy())
         np.testing.assert_allclose([t["q"] for t in document["targets"]], written, atol=1e-12)
         found[name] = robot.joints_of(written)

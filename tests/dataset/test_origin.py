@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shutil
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.origin import CHANGED, MISSING, NEW, SAME, read_origin, verify
 from calib.errors import DatasetError
 from inspector.cli.parser import main
+from tests.support.commands import answered, printed
 
 ROOT = Path(__file__).parents[2]
 
@@ -38,17 +38,13 @@ def test_model_and_session_carry_hashes_that_any_tool_computes_and_the_command(m
         assert origin.program_version
 
 
-def test_verify_tells_the_same_files_from_others(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verify_tells_the_same_files_from_others(made: Path, tmp_path: Path) -> None:
     results = [str(made / name) for name in ("model.json", "session.json")]
-    assert main(["verify", str(made / "arm"), *results]) == 0
-    assert capsys.readouterr().out.count("made of exactly these 4 files") == 2
+    assert printed("verify", made / "arm", *results).count("made of exactly these 4 files") == 2
     shutil.copytree(made / "arm", tmp_path / "arm")
     poses = tmp_path / "arm" / "poses.csv"
     poses.write_text(poses.read_text().replace("train", "test", 1))
-    assert main(["verify", str(tmp_path / "arm"), *results, "--json"]) == 1
-    document = json.loads(capsys.readouterr().out)
+    document = answered("verify", tmp_path / "arm", *results, code=1)
     assert document["same"] is False
     states = {file["path"]: file["state"] for file in document["results"][0]["files"]}
     assert states == {"dataset.toml": SAME, "robot.toml": SAME, "poses.csv": CHANGED, "points.csv": SAME}

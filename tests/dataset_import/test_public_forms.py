@@ -13,6 +13,7 @@ import pytest
 
 from calib.text_files.user_table import parse_table
 from inspector.cli.parser import main
+from tests.support.commands import refused
 from tests.support.public_forms import DEG, NOMINAL, POINTS, Array, Cells, Form, J, Q, require_import, text
 from tests.support.recorded_run import NAMES, robot_toml
 
@@ -168,14 +169,11 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_told_is_refused_in_a_sentence(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_told_is_refused_in_a_sentence(name: str, tmp_path: Path) -> None:
     make, says = REFUSED[name]
     (tmp_path / "robot.toml").write_text(robot_toml())
     out = tmp_path / "cell"
-    assert main(["import", str(out), "--robot", str(tmp_path / "robot.toml"), *make(tmp_path)]) == 2
-    assert re.search(says, capsys.readouterr().err)
+    assert re.search(says, refused("import", out, "--robot", tmp_path / "robot.toml", *make(tmp_path)))
     assert not out.exists()
 
 

@@ -16,6 +16,7 @@ from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import target_points
 from calib.statistics import rms
 from inspector.cli.parser import main
+from tests.support.commands import refused
 from tests.support.recorded_run import NAMES, TOOL_MM, robot_toml, tool_mm
 
 Q = np.random.default_rng(3).uniform([-2.5, -2.2, -2.2, -2.5, -2.0, -2.5], [2.5, -0.4, 2.2, 0.5, 2.0, 2.5], (32, 6))
@@ -115,13 +116,14 @@ def test_means_and_remarks_below_a_table_are_left_out(tmp_path: Path, capsys: py
     assert dataset.poses.ids == tuple(IDS)
 
 
-def test_a_log_of_two_arms_tells_what_to_type(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_of_two_arms_tells_what_to_type(tmp_path: Path) -> None:
     head = ["pose", *(f"{arm}_{name}" for arm in ("left", "right") for name in NAMES), "x", "y", "z"]
     rows = [[IDS[i], *Q[-1 - i], *Q[i], *measured("T1")[i]] for i in range(32)]
     table = csv(tmp_path / "t.csv", [head, *rows])
     (tmp_path / "robot.toml").write_text(robot_toml())
-    assert main(["import", str(tmp_path / "cell"), "--robot", str(tmp_path / "robot.toml"), "--joints", table]) == 2
-    assert "say which by --map 'left_*=q*' or --map 'right_*=q*'" in capsys.readouterr().err
+    assert "say which by --map 'left_*=q*' or --map 'right_*=q*'" in refused(
+        "import", tmp_path / "cell", "--robot", tmp_path / "robot.toml", "--joints", table
+    )
     assert np.abs(made(tmp_path, "--joints", table, "--map", "right_*=q*").poses.q - Q).max() < 1e-5
 
 

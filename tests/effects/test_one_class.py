@@ -29,6 +29,7 @@ from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT
+from tests.support.commands import answered
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -82,8 +83,7 @@ def test_the_command_lists_a_class_that_is_in_the_catalogue(capsys: pytest.Captu
     assert main(["effects"]) == 0
     line = "twenty_third_harmonic: theta_j += A sin(23 q_j)  [A rad]; needs joint angles over a 23rd of a turn"
     assert line in capsys.readouterr().out.splitlines()
-    assert main(["effects", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["effects"][-1] == {
+    assert answered("effects")["effects"][-1] == {
         "name": "twenty_third_harmonic",
         "equation": "theta_j += A sin(23 q_j)",
         "parameters": [{"name": "A", "unit": "rad"}],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,8 +25,8 @@ from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings, outlier_hint
 from calib.simulation.simulate import simulate_dataset
 from calib.statistics import chi2_ppf
-from inspector.cli.parser import main
 from tests.support import ROOT
+from tests.support.commands import answered
 from tests.support.fit_cases import SIGMA_RAD, full_poses, seated, with_pose_covariances
 from tests.support.sweeps import sweep
 
@@ -156,15 +155,12 @@ def test_a_weight_is_one_of_all_six_coordinates() -> None:
 
 
 @pytest.mark.slow
-def test_the_command_takes_robust_poses_and_names_those_that_do_not_count(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_takes_robust_poses_and_names_those_that_do_not_count(tmp_path: Path) -> None:
     dataset, _ = arm(6)
     point = int(np.flatnonzero(~dataset.poses.is_test)[5])
     wrong = spoiled(dataset, point, turn=Rotation.from_rotvec([0.03, 0.0, 0.0]))
     write_dataset(wrong, tmp_path / "wrong")
-    assert main(["calibrate", str(tmp_path / "wrong"), "--residual", "pose", "--robust", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("calibrate", tmp_path / "wrong", "--residual", "pose", "--robust")
     (warning,) = (w for w in document["warnings"] if "stands out of all others" in w)
     assert dataset.poses.ids[point] in warning
     by_library = calibrate(wrong, FitOptions("pose", robust=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from calib.identifiability.structural import free_frame_rank, structural_rank
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.present.fit.redundancy import free_frame_sentence
 from calib.simulation.truth.equilibrium import Truth, base_T_target
-from inspector.cli.parser import main
+from tests.support.commands import answered, printed
 
 KINDS = ("position", "distance", "pairs", "pose")
 
@@ -143,14 +142,13 @@ def test_each_placement_of_the_scanner_is_unknown_by_itself() -> None:
     ],
 )
 def test_the_words_say_what_is_measured_and_from_where(
-    kind: str, seen: str, silent: str, unknown: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: str, seen: str, silent: str, unknown: str, tmp_path: Path
 ) -> None:
     for name, robot in (("rb5", ARMS["rb5"]), ("planar", ARMS["planar"])):
         dataset = measured(robot)
         dataset = replace(dataset, points=replace(dataset.points, orientations=None))  # type: ignore[type-var]
         write_dataset(dataset, tmp_path / name)
-        assert main(["redundancy", str(tmp_path / name), "--residual", kind]) == 0
-        words = capsys.readouterr().out
+        words = printed("redundancy", tmp_path / name, "--residual", kind)
         found = redundancy(dataset, residual=kind)
         assert f"Seen by {seen}" in words
         assert re.search(rf"can be known \(rank\) +{found.rank}\n", words)
@@ -158,8 +156,7 @@ def test_the_words_say_what_is_measured_and_from_where(
         assert unknown in words.splitlines()[-1]
         best = structural_rank(robot, residual=kind)
         assert f"{best} at best" in words or f"tell {best};" in words
-        assert main(["redundancy", str(tmp_path / name), "--residual", kind, "--json"]) == 0
-        document = json.loads(capsys.readouterr().out)
+        document = answered("redundancy", tmp_path / name, "--residual", kind)
         assert document["rank"] == found.rank
         assert document["rank_unknown_frame"] == document["rank_unknown_frame_here"] == best
         assert document["seen_by"].startswith(seen)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from calib.models.refit import refit
 from calib.simulation.simulate import simulate_dataset
 from inspector.__main__ import main
 from tests.support.arms import random_transform
+from tests.support.commands import answered, printed, refused
 
 EFFECT = "transmission_error"
 TOOL_MM = 3.0
@@ -120,14 +120,12 @@ def test_the_command_refits_and_says_what_goes_together(
     earlier.save(tmp_path / "old.json")
     write_dataset(later, tmp_path / "later")
     given = ["calibrate", str(tmp_path / "later"), "--model", str(tmp_path / "old.json")]
-    assert main([*given, "--refit", "links", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered(*given, "--refit", "links")
     assert document["effects"] == [EFFECT]
     assert document["test"]["rmse_mm"] < 0.3 * document["before"]["test"]["rmse_mm"]
     assert 0.0 <= document["coverage_90"] <= 1.0
     few = [f"--leave-out={name}" for name in later.poses.ids[7:20]]
-    assert main([*given, "--refit", "frame", *few]) == 0
-    assert "90 % intervals" in capsys.readouterr().out
+    assert "90 % intervals" in printed(*given, "--refit", "frame", *few)
     for wrong, words in (
         (given, "--refit frame or --refit links"),
         ([*given[:2], "--refit", "frame"], "--model FILE.json"),
@@ -136,5 +134,4 @@ def test_the_command_refits_and_says_what_goes_together(
         assert main(wrong) == 2
         assert words in capsys.readouterr().err
     write_dataset(simulate_dataset("panda", rng=0, poses=40).dataset, tmp_path / "panda")
-    assert main(["calibrate", str(tmp_path / "panda"), *given[2:], "--refit", "frame"]) == 2
-    assert "another arm" in capsys.readouterr().err
+    assert "another arm" in refused("calibrate", tmp_path / "panda", *given[2:], "--refit", "frame")

@@ -25,7 +25,7 @@ from calib.presented import Presented
 from calib.rendering.numbers import parameter_label
 from calib.strict_json import plain, to_json
 from calib.validation.comparison import Comparison
-from inspector.cli.parser import main
+from tests.support.commands import answered
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 HOSTILE = "<script>alert('x')</script>"
@@ -120,14 +120,10 @@ def numbers_in(value: object) -> list[float]:
 
 
 @pytest.mark.slow
-def test_to_dict_is_what_the_command_prints(
-    dataset: Dataset, found: Diagnosis, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["diagnose", str(SAMPLES / "hidden_effect_a"), "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+def test_to_dict_is_what_the_command_prints(dataset: Dataset, found: Diagnosis) -> None:
+    printed = answered("diagnose", SAMPLES / "hidden_effect_a")
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False)) == printed
-    assert main(["calibrate", str(SAMPLES / "hidden_effect_a"), "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = answered("calibrate", SAMPLES / "hidden_effect_a")
     own = calib.calibrate(dataset).to_dict()
     assert own.items() <= printed.items()  # the command adds its table and way
 

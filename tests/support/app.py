@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import html
-import io
-import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.cli.parser import main
 from inspector.session.reopening import Opening
 from tests.support.wire_client import WireClient
 
@@ -55,12 +50,3 @@ def plain(page: WireClient) -> str:
 def shows(page: WireClient, *parts: str) -> None:
     """Wait until the page says all of this."""
     page.wait(lambda p: all(part in plain(p) for part in parts), 60.0)
-
-
-def command(*arguments: object) -> dict[str, Any]:
-    """JSON document that `inspector` prints with these arguments."""
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
-        main([*map(str, arguments), "--json"])
-    document: dict[str, Any] = json.loads(out.getvalue())
-    return document

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +14,8 @@ from calib.errors import DatasetError
 from calib.measurement.measured_points import with_corners
 from calib.target_shapes import DeclaredTarget, OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres
 from calib.targets.batch import find_targets
-from inspector.cli.parser import main
 from tests.support.ball_dataset import write_ball_dataset
+from tests.support.commands import answered, refused
 
 OFFSETS = {"b": np.array([60.0, 10, 90]), "c": np.array([-50.0, 30, 60])}
 TABLES = """[[targets]]
@@ -52,12 +51,11 @@ def balls(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, np.
 
 @pytest.mark.slow
 def test_three_balls_two_of_them_alike_become_points_with_names(
-    balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path
 ) -> None:
     folder, truth = balls
     out = tmp_path / "points.csv"
-    assert main(["corners", str(folder), "--out", str(out), "--json", "--processes", "1"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("corners", folder, "--out", out, "--processes", "1")
     assert document["corners"] == []
     assert len(document["targets"]) + len(document["targets_failed"]) == 3 * 16
     assert len(document["targets_failed"]) <= 2  # one ball hides another
@@ -72,9 +70,7 @@ def test_three_balls_two_of_them_alike_become_points_with_names(
 
 
 @pytest.mark.slow
-def test_a_finder_of_the_users_own(
-    balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_finder_of_the_users_own(balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path) -> None:
     """The user's function here takes the mean of all points; it is called for every target, as none is `own`."""
     own = tmp_path / "mine.py"
     own.write_text(
@@ -82,13 +78,11 @@ def test_a_finder_of_the_users_own(
         "    if wanted.names[0] != 'jig':\n        return 'nothing of mine'\n"
         "    return scan.points_mm.mean(axis=0), np.eye(3)\n"
     )
-    assert main(["corners", str(balls[0]), "--finder", str(own), "--json", "--processes", "1"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("corners", balls[0], "--finder", own, "--processes", "1")
     assert {found["target"] for found in document["targets"]} == {"jig"}
     assert {failed["reason"] for failed in document["targets_failed"]} == {"nothing of mine"}
     own.write_text("def find(scan, wanted):\n    return 1 / 0\n")
-    assert main(["corners", str(balls[0]), "--finder", str(own), "--processes", "1"]) == 2
-    said = capsys.readouterr().err
+    said = refused("corners", balls[0], "--finder", own, "--processes", "1")
     assert f"{own}: line 2: ZeroDivisionError: division by zero" in said
     assert "Traceback" not in said
 
@@ -107,12 +101,10 @@ def test_a_finder_file_that_is_none_is_told_in_a_line(
     reason: str,
     balls: tuple[Path, dict[str, np.ndarray]],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     file = tmp_path / "finder.py"
     file.write_text(text)
-    assert main(["corners", str(balls[0]), "--finder", str(file)]) == 2
-    said = capsys.readouterr().err
+    said = refused("corners", balls[0], "--finder", file)
     assert reason in said
     assert len(said.strip().splitlines()) == 1
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from calib.scans.scan import READERS, PointCount, write_scan
 from calib.validation.acceptance import CheckItem, ErrorRatio, ResidualSigma, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.commands import answered, printed
 from tests.support.scan_scene import make_scene
 
 
@@ -91,13 +91,12 @@ def test_points_of_another_arm_fail_without_test_poses_too() -> None:
 
 
 @pytest.mark.thorough
-def test_what_to_look_at_is_a_warning_and_in_the_json(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_what_to_look_at_is_a_warning_and_in_the_json(tmp_path: Path) -> None:
     dataset = measured(sigma_mm=0.01)
     only_training = replace(dataset.poses, role=np.where(dataset.poses.is_test, "train", dataset.poses.role))
     copied = dataset.points.select(np.r_[np.arange(len(dataset.points)), 0])
     write_dataset(replace(dataset, poses=only_training, points=copied), tmp_path / "cell")
-    assert main(["check", str(tmp_path / "cell"), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("check", tmp_path / "cell")
     assert document["passed"] is True
     assert [warning.split(":")[0] for warning in document["warnings"]] == [
         "dataset",
@@ -108,8 +107,7 @@ def test_what_to_look_at_is_a_warning_and_in_the_json(capsys: pytest.CaptureFixt
     assert "to the last digit" in document["warnings"][0]
     warned = [f["name"] for f in document["findings"] if f["warning"]]
     assert warned == ["dataset", "test poses", "residual", "diagnosis"]
-    assert main(["check", str(tmp_path / "cell")]) == 0
-    assert "passed, with 4 warnings" in capsys.readouterr().out
+    assert "passed, with 4 warnings" in printed("check", tmp_path / "cell")
 
 
 def test_scans_that_lose_more_than_half_of_their_points_are_a_warning() -> None:
@@ -140,15 +138,13 @@ def scans(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_corners_tells_the_points_that_were_left_out(capsys: pytest.CaptureFixture[str], scans: Path) -> None:
+def test_corners_tells_the_points_that_were_left_out(scans: Path) -> None:
     assert ".xyz" in READERS
-    assert main(["corners", str(scans), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("corners", scans)
     scanned = document["corners"] + document["failed"]
     assert [c["dropped_points"] for c in scanned] == [0, 500, 9000]
     assert all(4000 < c["points"] < 7000 for c in scanned)
-    assert main(["corners", str(scans)]) == 0
-    heading, *rows = capsys.readouterr().out.splitlines()
+    heading, *rows = printed("corners", scans).splitlines()
     assert "points without a value, left out" in heading
     for row, dropped in zip(rows, ("–", "500", "9,000"), strict=False):
         assert f"  {dropped}  " in row

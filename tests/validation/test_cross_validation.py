@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,8 +19,8 @@ from calib.options import FitOptions
 from calib.present.fit.calibration import sigma_sentence
 from calib.validation.learning_curve import LearningCurve, LearningStep
 from calib.validation.splits import deal_folds, growing_order, split_dataset, training_groups
-from inspector.cli.parser import main
 from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform
+from tests.support.commands import answered, printed, refused
 
 
 def simulated(seed: int = 0, **more: object) -> Dataset:
@@ -296,18 +295,11 @@ def test_what_cannot_be_done_is_one_line() -> None:
         learning_curve(simulated(poses=3))
 
 
-def run_json(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> dict:
-    assert main([*map(str, arguments), "--json"]) == code
-    out = capsys.readouterr().out
-    assert out.count("\n") == 1
-    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("residual", ["position", "distance"])
-def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path, residual: str) -> None:
+def test_the_command(tmp_path: Path, residual: str) -> None:
     write_dataset(simulated(test=13), tmp_path / "cell")
-    document = run_json(capsys, "validate", tmp_path / "cell", "--folds", "4", "--residual", residual)
+    document = answered("validate", tmp_path / "cell", "--folds", "4", "--residual", residual)
     assert document["residual"] == residual
     assert len(document["folds"]) == 4
     assert len(document["poses"]) == 51
@@ -315,12 +307,8 @@ def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path, residua
     assert document["sigma"]["low_mm"] < document["sigma"]["sigma_mm"] < document["sigma"]["high_mm"]
     assert document["learning_curve"]["held_out"] == "test poses"
     assert document["learning_curve"]["steps"][-1]["poses"] == 51
-    assert main(["validate", str(tmp_path / "cell")]) == 0
-    words = capsys.readouterr().out
+    words = printed("validate", tmp_path / "cell")
     assert "more poses" in words.lower()
     for folds, says in (("1", "needs 2 at least"), ("99", "99 folds for 51 different training poses")):
-        assert main(["validate", str(tmp_path / "cell"), "--folds", folds, "--json"]) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.count("\n") == 1
-        assert says in captured.err
+        captured = refused("validate", tmp_path / "cell", "--folds", folds)
+        assert says in captured

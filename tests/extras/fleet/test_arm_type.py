@@ -18,7 +18,7 @@ from calib.errors import CalibError
 from calib.extras.fleet.arm_type import ArmType, fit_from_type, learn_type, type_report, with_few_poses
 from calib.extras.fleet.type_file import load_type, save_type
 from calib.options import FitOptions, TypePrior
-from tests.support.app import command
+from tests.support.commands import answered
 from tests.support.fleet_of_type import drawn_fleet
 
 SOFT = "joint_compliance.J2.c_rad_per_nm"
@@ -124,10 +124,10 @@ def test_pool_prints_each_arm_left_out_and_calibrate_begins_from_it(fleet: list[
     for folder, arm in zip(folders, [*fleet[:3], fleet[-1]], strict=True):
         write_dataset(arm, folder)
     out = tmp_path / "type.json"
-    told = command("pool", *folders[:3], "--effect", "joint_compliance", "--out", out)
+    told = answered("pool", *folders[:3], "--effect", "joint_compliance", "--out", out)
     assert [one["arm"] for one in told["left_out"]] == ["arm 1", "arm 2", "arm 3"]
     assert all(one["poses"] == 20 and one["ratio"] < 1.1 for one in told["left_out"])
-    fitted = command("calibrate", folders[3], "--type", out)
+    fitted = answered("calibrate", folders[3], "--type", out)
     assert fitted["type"]["widened"] == 1.0
     assert fitted["type"]["log_bayes_factor"] > 3.0
     words = type_report([calib.load_dataset(folder) for folder in folders[:2]], FitOptions()).summary()

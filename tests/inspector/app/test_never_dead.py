@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inspector.cli.parser import main
 from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.commands import refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient
 
@@ -56,14 +56,12 @@ def test_an_effect_that_ends_the_program_is_told_and_the_page_goes_on(tmp_path: 
 
 
 @pytest.mark.parametrize("ending", ENDINGS[:1] + ENDINGS[2:])
-def test_the_command_says_so_too(tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_so_too(tmp_path: Path, ending: str) -> None:
     folder = write_hidden(tmp_path)
     effects_file = tmp_path / "mine.py"
     effects_file.write_text(EFFECT.format(ending=ending), "utf-8")
-    assert main(["diagnose", str(folder), "--effects-file", str(effects_file), "--json"]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "effect Mine: `apply`" in said.err
+    said = refused("diagnose", folder, "--effects-file", effects_file)
+    assert "effect Mine: `apply`" in said
 
 
 def test_a_dataset_that_cannot_be_read_stops_no_other(tmp_path: Path) -> None:

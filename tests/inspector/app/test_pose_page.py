@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,12 +21,12 @@ from calib.rendering import numbers
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
-from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.commands import answered
 from tests.support.tiny_dataset import scanned_cell
 from tests.support.wire_client import WireClient
 
@@ -73,9 +72,7 @@ def fit(page: WireClient, residual: str) -> None:
 
 
 @pytest.mark.thorough
-def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
-    app: App, page: WireClient, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(app: App, page: WireClient, folder: Path) -> None:
     shows(page, f"nominal robot at {POSES} poses, margin 1")
     plain_points = session(app).measured.points
     assert plain_points.orientations is None  # a fit of positions takes no more than it did
@@ -83,8 +80,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     shows(page, "pose, ", "attitude of the jig")
     assert app.worker.wait_idle(IDLE_S)
     ours = session(app).calibration
-    assert main(["calibrate", str(folder / "cell"), "--residual", "pose", "--json"]) == 0
-    theirs = json.loads(capsys.readouterr().out)
+    theirs = answered("calibrate", folder / "cell", "--residual", "pose")
     assert ours.face_labelling is not None
     assert theirs["faces_named"] == face_labelling(ours.face_labelling)
     np.testing.assert_allclose(ours.to_frame()["value"], [p["value"] for p in theirs["parameters"]], atol=1e-9)

@@ -17,6 +17,7 @@ from calib.simulation import measured_dataset
 from inspector.cli import dataset_commands as commands
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.commands import refused
 
 
 @pytest.fixture(scope="module")
@@ -42,22 +43,9 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line on stderr; exit code 2, nothing on stdout, and no talk of an internal error."""
-    assert main([*map(str, arguments)]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    lines = [line for line in captured.err.splitlines() if "inspector: warning" not in line]
-    assert len(lines) == 1, captured.err
-    assert "internal error" not in lines[0]
-    return lines[0]
-
-
 @pytest.mark.parametrize("noise_mm", ["1e-9", "1e9", "-0.1", "nan", "inf"])
-def test_simulate_writes_no_dataset_that_cannot_be_read(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, noise_mm: str
-) -> None:
-    line = refused(capsys, "simulate", tmp_path / "cell", "--robot", "rb5", "--noise-mm", noise_mm)
+def test_simulate_writes_no_dataset_that_cannot_be_read(tmp_path: Path, noise_mm: str) -> None:
+    line = refused("simulate", tmp_path / "cell", "--robot", "rb5", "--noise-mm", noise_mm)
     assert f"--noise-mm {noise_mm.replace('e-9', 'e-09').replace('e9', 'e+09')}: give 0, or 1e-06 to 1000 mm" in line
     assert list(tmp_path.iterdir()) == []
 
@@ -73,10 +61,8 @@ def test_simulate_writes_no_dataset_that_cannot_be_read(
         (["--scans", "--white", "--correlation-mm", "5"], "white noise reaches no further than its point"),
     ],
 )
-def test_simulated_scans_have_noise_that_can_be(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], says: str
-) -> None:
-    assert says in refused(capsys, "simulate", tmp_path / "cell", "--robot", "rb5", *arguments)
+def test_simulated_scans_have_noise_that_can_be(tmp_path: Path, arguments: list[str], says: str) -> None:
+    assert says in refused("simulate", tmp_path / "cell", "--robot", "rb5", *arguments)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -94,7 +80,6 @@ def test_simulated_scans_have_noise_that_can_be(
     ],
 )
 def test_no_output_takes_the_place_of_the_datasets_files(
-    capsys: pytest.CaptureFixture[str],
     good: Path,
     cell: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -106,32 +91,30 @@ def test_no_output_takes_the_place_of_the_datasets_files(
     link = cell.parent / "link"
     link.symlink_to(cell / name)
     for path in (cell / name, Path("..") / "cell" / name, link):
-        line = refused(capsys, command[0], cell, *command[1:], path)
+        line = refused(command[0], cell, *command[1:], path)
         assert str(path) in line
         assert "file of the dataset test" in line or "no report" in line
     assert files_of(cell) == files_of(good)
 
 
-def test_no_output_takes_the_place_of_other_inputs_nor_of_another_output(
-    capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path
-) -> None:
+def test_no_output_takes_the_place_of_other_inputs_nor_of_another_output(cell: Path, tmp_path: Path) -> None:
     targets = tmp_path / "targets.csv"
     shutil.copy(cell / "poses.csv", targets)
-    line = refused(capsys, "correct", cell, "--joints", targets, "--out", targets)
+    line = refused("correct", cell, "--joints", targets, "--out", targets)
     assert "targets.csv: is what" in line
     assert targets.read_bytes() == (cell / "poses.csv").read_bytes()
     effects = tmp_path / "mine.py"
     effects.write_text("raise SystemExit\n")
-    assert "this command reads" in refused(capsys, "calibrate", cell, "--effects-file", effects, "--out", effects)
+    assert "this command reads" in refused("calibrate", cell, "--effects-file", effects, "--out", effects)
     out = tmp_path / "x"
-    assert "written twice" in refused(capsys, "calibrate", cell, "--out", out, "--residuals", out)
+    assert "written twice" in refused("calibrate", cell, "--out", out, "--residuals", out)
     assert not out.exists()
     assert main(["calibrate", str(cell), "--out", "/dev/null", "--residuals", "/dev/null"]) == 0
 
 
 @pytest.mark.slow
 def test_a_disk_that_is_full_is_told_with_the_files_name(
-    capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "robot.toml"
     out.write_text("as it was")
@@ -141,11 +124,11 @@ def test_a_disk_that_is_full_is_told_with_the_files_name(
 
     with monkeypatch.context() as patched:
         patched.setattr("calib.dataset.files.atomic_write.os.chmod", full)
-        line = refused(capsys, "calibrate", cell, "--out", out)
+        line = refused("calibrate", cell, "--out", out)
     assert f"{out}: cannot be written (No space left" in line
     assert out.read_text() == "as it was"
     below_a_file = out / "deeper" / "robot.toml"
-    assert f"{below_a_file}: cannot be written (Not a dir" in refused(capsys, "calibrate", cell, "--out", below_a_file)
+    assert f"{below_a_file}: cannot be written (Not a dir" in refused("calibrate", cell, "--out", below_a_file)
     long = tmp_path / ("x" * 250)
     assert main(["calibrate", str(cell), "--out", str(long)]) == 0  # its temporary name has to be one too
     assert long.is_file()
@@ -172,16 +155,14 @@ def test_a_disk_that_is_full_is_told_with_the_files_name(
         ),
     ],
 )
-def test_a_size_that_no_arm_has_is_told_by_its_key(
-    capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path, old: str, new: str, says: str
-) -> None:
+def test_a_size_that_no_arm_has_is_told_by_its_key(cell: Path, tmp_path: Path, old: str, new: str, says: str) -> None:
     path = cell / "robot.toml"
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
     load_robot_toml(path)  # well-formed as far as the file goes
-    assert f"robot.toml: {says}" in refused(capsys, "calibrate", cell)
-    assert f"robot.toml: {says}" in refused(capsys, "simulate", tmp_path / "new", "--robot", path)
+    assert f"robot.toml: {says}" in refused("calibrate", cell)
+    assert f"robot.toml: {says}" in refused("simulate", tmp_path / "new", "--robot", path)
     assert not (tmp_path / "new").exists()
 
 
@@ -218,10 +199,10 @@ def test_a_simulation_that_is_stopped_leaves_nothing(
     assert len(load_dataset(folder).poses) == 3
 
 
-def test_a_folder_or_a_file_in_the_others_place(capsys: pytest.CaptureFixture[str], cell: Path) -> None:
-    assert "is a folder" in refused(capsys, "correct", cell, "--joints", cell, "--out", cell.parent / "out.csv")
+def test_a_folder_or_a_file_in_the_others_place(cell: Path) -> None:
+    assert "is a folder" in refused("correct", cell, "--joints", cell, "--out", cell.parent / "out.csv")
     for command in ("check", "calibrate", "corners", "diagnose", "redundancy", "validate"):
-        assert "poses.csv: is a file; " in refused(capsys, command, cell / "poses.csv")
+        assert "poses.csv: is a file; " in refused(command, cell / "poses.csv")
 
 
 def test_targets_may_come_through_a_pipe(cell: Path, tmp_path: Path) -> None:
@@ -235,9 +216,7 @@ def test_targets_may_come_through_a_pipe(cell: Path, tmp_path: Path) -> None:
     assert out.read_text().count("\n") == 2
 
 
-def test_no_process_is_started_where_there_is_no_scan(
-    capsys: pytest.CaptureFixture[str], cell: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_process_is_started_where_there_is_no_scan(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[int] = []
     processes = commands.processes
 
@@ -246,5 +225,5 @@ def test_no_process_is_started_where_there_is_no_scan(
         return processes(scans, wanted)
 
     monkeypatch.setattr(commands, "processes", noticed)
-    assert "has no scans" in refused(capsys, "corners", cell)
+    assert "has no scans" in refused("corners", cell)
     assert started == [0]

@@ -21,6 +21,7 @@ from calib.plugins import load
 from inspector.cli.commands import commands
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.commands import answered, printed, refused
 
 
 @pytest.fixture(scope="module")
@@ -56,24 +57,6 @@ def change(path: Path, **columns: object) -> None:
     pd.read_csv(path).assign(**columns).to_csv(path, index=False)
 
 
-def run_json(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> dict:
-    assert main([*map(str, arguments), "--json"]) == code
-    out = capsys.readouterr().out
-    assert out.count("\n") == 1  # exactly one object, nothing else
-    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line that a refusal prints; exit code 2, nothing on stdout."""
-    for extra in ([], ["--json"]):
-        assert main([*map(str, arguments), *extra]) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        lines = [line for line in captured.err.splitlines() if "warning" not in line]
-        assert len(lines) == 1, captured.err
-    return lines[0]
-
-
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--version"])
@@ -81,9 +64,9 @@ def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert re.fullmatch(r"inspector \d+\.\d+\.\d+, Python 3\.\d+\.\d+\n", capsys.readouterr().out)
 
 
-def test_calibrate_has_the_promised_keys(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+def test_calibrate_has_the_promised_keys(points_folder: Path) -> None:
     for residual in ("position", "distance"):
-        document = run_json(capsys, "calibrate", points_folder, "--residual", residual)
+        document = answered("calibrate", points_folder, "--residual", residual)
         assert document["residual"] == residual
         assert document["effects"] == []
         assert document["converged"] is True
@@ -103,26 +86,23 @@ def test_calibrate_has_the_promised_keys(capsys: pytest.CaptureFixture[str], poi
         assert {p["unit"] for p in document["parameters"]} == {"mm", "rad"}
 
 
-def test_calibrate_writes_the_robot_that_it_found(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
-) -> None:
+def test_calibrate_writes_the_robot_that_it_found(points_folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "new" / "robot.toml"
-    document = run_json(capsys, "calibrate", points_folder, "--out", out)
+    document = answered("calibrate", points_folder, "--out", out)
     table = load_robot_toml(out).table.ravel()
     np.testing.assert_allclose(table, [p["value"] for p in document["parameters"]], rtol=1e-12, atol=1e-15)
 
 
-def test_without_a_prior_unknowable_sigmas_are_null(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
-    document = run_json(capsys, "calibrate", points_folder, "--no-prior")
+def test_without_a_prior_unknowable_sigmas_are_null(points_folder: Path) -> None:
+    document = answered("calibrate", points_folder, "--no-prior")
     sigma = {p["name"]: p["sigma"] for p in document["parameters"]}
     assert sigma["d1"] is None
     assert sigma["a2"] is not None
 
 
 @pytest.mark.slow
-def test_tolerances_holds_and_robust_fits_by_command(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
-    document = run_json(
-        capsys,
+def test_tolerances_holds_and_robust_fits_by_command(points_folder: Path) -> None:
+    document = answered(
         "calibrate",
         points_folder,
         "--tolerance",
@@ -141,12 +121,10 @@ def test_tolerances_holds_and_robust_fits_by_command(capsys: pytest.CaptureFixtu
     assert "theta5" in parameters
     assert abs(parameters["a2"]["change"]) < 1e-6
     assert document["outliers"] == []
-    assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--tolerance", "b7=1")
-    assert "above 0" in refused(capsys, "calibrate", points_folder, "--tolerance", "a2=-1")
-    assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--hold", "b7")
-    assert "position, pairs or pose" in refused(
-        capsys, "calibrate", points_folder, "--robust", "--residual", "distance"
-    )
+    assert "no parameter named 'b7'" in refused("calibrate", points_folder, "--tolerance", "b7=1")
+    assert "above 0" in refused("calibrate", points_folder, "--tolerance", "a2=-1")
+    assert "no parameter named 'b7'" in refused("calibrate", points_folder, "--hold", "b7")
+    assert "position, pairs or pose" in refused("calibrate", points_folder, "--robust", "--residual", "distance")
 
 
 def without_pose(folder: Path, pose: str) -> None:
@@ -156,14 +134,14 @@ def without_pose(folder: Path, pose: str) -> None:
 
 @pytest.mark.slow
 def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path, tmp_path: Path
+    points_folder: Path, own_points: Path, tmp_path: Path
 ) -> None:
     pose = pd.read_csv(own_points / "points.csv")["pose"][20]
     without_pose(own_points, pose)
     model = tmp_path / "model.json"
     asked = ("--leave-out", pose)
-    ours = run_json(capsys, "calibrate", points_folder, *asked, "--model-out", model)
-    same = run_json(capsys, "calibrate", own_points)
+    ours = answered("calibrate", points_folder, *asked, "--model-out", model)
+    same = answered("calibrate", own_points)
     assert ours["parameters"] == same["parameters"]
     assert ours["test"] == same["test"]
     assert any(f"asked: {pose}" in warning for warning in ours["warnings"])
@@ -171,58 +149,47 @@ def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
     assert source["left_out"] == [pose]
     assert pose not in source["training_poses"]
     assert f"without {pose}" in load_model(model).summary()
-    with_all, without = (run_json(capsys, "redundancy", points_folder, *more)["pearson"] for more in ((), asked))
+    with_all, without = (answered("redundancy", points_folder, *more)["pearson"] for more in ((), asked))
     assert with_all != without
-    checked = run_json(capsys, "check", points_folder, *asked)["calibration"]
-    for document in (ours, checked, run_json(capsys, "redundancy", points_folder, *asked)):
+    checked = answered("check", points_folder, *asked)["calibration"]
+    for document in (ours, checked, answered("redundancy", points_folder, *asked)):
         assert document["left_out"] == [pose]
     assert same["left_out"] == []
     for command in ("calibrate", "diagnose", "redundancy", "check", "validate"):
-        message = refused(capsys, command, points_folder, "--leave-out", f"{pose}0")
+        message = refused(command, points_folder, "--leave-out", f"{pose}0")
         assert f"no pose named '{pose}0'" in message
         assert repr(pose) in message
-    assert "no pose named 'nix'" in refused(capsys, "calibrate", points_folder, "--leave-out", "nix")
+    assert "no pose named 'nix'" in refused("calibrate", points_folder, "--leave-out", "nix")
 
 
 @pytest.mark.thorough
 @pytest.mark.slow
-def test_diagnose_writes_its_model_and_the_report_fits_as_asked(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
-) -> None:
+def test_diagnose_writes_its_model_and_the_report_fits_as_asked(points_folder: Path, tmp_path: Path) -> None:
     model, page = tmp_path / "model.json", tmp_path / "report.html"
     pose = pd.read_csv(points_folder / "points.csv")["pose"][7]
     asked = ("--leave-out", pose, "--hold", "d5", "--tolerance", "a2=0.1")
-    found = run_json(capsys, "diagnose", points_folder, *asked, "--model-out", model)
+    found = answered("diagnose", points_folder, *asked, "--model-out", model)
     saved = load_model(model)
     assert saved.after.test.rmse_mm == pytest.approx(found["steps"][-1]["test_rmse_mm"])
     assert saved.options.fixed == ("d5",)
-    reported = run_json(capsys, "report", points_folder, *asked, "--out", page)
+    reported = answered("report", points_folder, *asked, "--out", page)
     assert reported["steps"] == found["steps"]
     assert found["left_out"] == reported["left_out"] == [pose]
     assert f"asked: {pose}" in page.read_text()
-    assert main(["diagnose", str(points_folder), *asked]) == 0
-    assert f"left out: {pose}" in capsys.readouterr().out
-    assert run_json(capsys, "validate", points_folder, *asked)["left_out"] == [pose]
+    assert f"left out: {pose}" in printed("diagnose", points_folder, *asked)
+    assert answered("validate", points_folder, *asked)["left_out"] == [pose]
 
 
 @pytest.mark.thorough
-def test_one_point_for_all_poses_is_no_calibration_and_is_not_written(
-    capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
-) -> None:
+def test_one_point_for_all_poses_is_no_calibration_and_is_not_written(own_points: Path, tmp_path: Path) -> None:
     """A tracker that lost its target: links of no length fit it without any residual."""
     change(own_points / "points.csv", x_mm=100.0, y_mm=200.0, z_mm=300.0)
     out = tmp_path / "robot.toml"
-    assert "does not describe" in refused(capsys, "calibrate", own_points, "--out", out)
+    assert "does not describe" in refused("calibrate", own_points, "--out", out)
     assert not out.exists()
     assert main(["calibrate", str(own_points), "--out", str(out), "--force"]) == 0
     assert out.exists()
-    assert not run_json(capsys_after(capsys), "check", own_points, code=1)["passed"]
-
-
-def capsys_after(capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[str]:
-    """With what was printed so far forgotten."""
-    capsys.readouterr()
-    return capsys
+    assert not answered("check", own_points, code=1)["passed"]
 
 
 @pytest.mark.slow
@@ -241,22 +208,21 @@ def test_what_is_no_file_is_not_replaced_by_one(
         assert reader.communicate()[0] == kept.read_bytes()
     assert pipe.is_fifo()
     capsys.readouterr()
-    assert "is a folder" in refused(capsys, "calibrate", points_folder, "--out", tmp_path)
-    assert "rb5, panda" in refused(capsys, "simulate", tmp_path / "new", "--robot", "rb6")
+    assert "is a folder" in refused("calibrate", points_folder, "--out", tmp_path)
+    assert "rb5, panda" in refused("simulate", tmp_path / "new", "--robot", "rb6")
 
 
 @pytest.mark.slow
-def test_known_sums_are_told(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
-    document = run_json(capsys, "calibrate", points_folder)
+def test_known_sums_are_told(points_folder: Path) -> None:
+    document = answered("calibrate", points_folder)
     sums = {tuple(s["parameters"]): s for s in document["known_sums"]}
     assert sums[("d6", "dTCP")]["sigma"] < 0.1 * sums[("d6", "dTCP")]["worst_part_sigma"]
     assert not any("d1" in names for names in sums)
-    assert main(["calibrate", str(points_folder)]) == 0
-    assert "d6 + dTCP = " in capsys.readouterr().out
+    assert "d6 + dTCP = " in printed("calibrate", points_folder)
 
 
-def test_redundancy_has_the_promised_keys(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
-    document = run_json(capsys, "redundancy", points_folder)
+def test_redundancy_has_the_promised_keys(points_folder: Path) -> None:
+    document = answered("redundancy", points_folder)
     names = document["parameters"]
     assert len(names) == 35
     assert np.shape(document["pearson"]) == (35, 35)
@@ -267,15 +233,13 @@ def test_redundancy_has_the_promised_keys(capsys: pytest.CaptureFixture[str], po
     assert all(value is None for value in document["pearson"][zero])
     assert set(document["kept"]) == set(names) - {name for group in document["groups"] for name in group[1:]}
     assert all("parameters" in relation for relation in document["combinations"])
-    assert run_json(capsys, "redundancy", points_folder, "--residual", "distance")["rank"] == 19
+    assert answered("redundancy", points_folder, "--residual", "distance")["rank"] == 19
 
 
 @pytest.mark.slow
-def test_corners_has_the_promised_keys_and_finds_the_truth(
-    capsys: pytest.CaptureFixture[str], scans_folder: Path, own_scans: Path, tmp_path: Path
-) -> None:
+def test_corners_has_the_promised_keys_and_finds_the_truth(scans_folder: Path, own_scans: Path, tmp_path: Path) -> None:
     out = tmp_path / "points.csv"
-    document = run_json(capsys, "corners", scans_folder, "--out", out)
+    document = answered("corners", scans_folder, "--out", out)
     truth = json.loads((scans_folder / "truth.json").read_text())["apex_mm"]
     assert document["failed"] == []
     assert [c["pose"] for c in document["corners"]] == list(truth)
@@ -300,22 +264,20 @@ def test_corners_has_the_promised_keys_and_finds_the_truth(
 
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
-    capsys: pytest.CaptureFixture[str], own_scans: Path
-) -> None:
+def test_a_scan_without_three_planes_is_told_and_the_others_are_used(own_scans: Path) -> None:
     scans = sorted((own_scans / "scans").iterdir())
     flat = np.c_[np.random.default_rng(0).uniform(-50, 50, (4000, 2)), np.full(4000, 700.0)]
     columns = "".join(f"property float {axis}\n" for axis in "xyz")
     header = f"ply\nformat ascii 1.0\nelement vertex 4000\n{columns}end_header\n"
     body = "\n".join(" ".join(f"{v:.4f}" for v in row) for row in flat)
     scans[1].write_text(header + body + "\n")
-    document = run_json(capsys, "corners", own_scans)
+    document = answered("corners", own_scans)
     assert [f["pose"] for f in document["failed"]] == [scans[1].stem]
     assert "3" in document["failed"][0]["reason"]
     assert len(document["corners"]) == 3
     for scan in scans:
         scan.write_text(header + body + "\n")
-    assert "4 of 4: " in refused(capsys, "corners", own_scans)
+    assert "4 of 4: " in refused("corners", own_scans)
 
 
 @pytest.mark.slow
@@ -324,13 +286,13 @@ def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
     [(b"", "empty"), (b"\x00\xff junk that is no scan at all", "PLY"), (None, "promises")],
 )
 def test_a_scan_file_that_cannot_be_read_is_a_failed_search_beside_others_and_bad_input_alone(
-    capsys: pytest.CaptureFixture[str], own_scans: Path, tmp_path: Path, content: bytes | None, says: str
+    own_scans: Path, tmp_path: Path, content: bytes | None, says: str
 ) -> None:
     scans = sorted((own_scans / "scans").iterdir())
     spoiled = scans[2].read_bytes()[:5000] if content is None else content
     scans[2].write_bytes(spoiled)
     out = tmp_path / "points.csv"
-    document = run_json(capsys, "corners", own_scans, "--out", out)
+    document = answered("corners", own_scans, "--out", out)
     assert [corner["pose"] for corner in document["corners"]] == [s.stem for s in scans if s != scans[2]]
     (failed,) = document["failed"]
     assert failed["pose"] == scans[2].stem
@@ -339,7 +301,7 @@ def test_a_scan_file_that_cannot_be_read_is_a_failed_search_beside_others_and_ba
     out.unlink()
     for scan in scans:
         scan.write_bytes(spoiled)
-    line = refused(capsys, "corners", own_scans, "--out", out)
+    line = refused("corners", own_scans, "--out", out)
     assert scans[0].name in line
     assert says.lower() in line.lower()
     assert line.endswith("; 3 further scans cannot be read")
@@ -347,22 +309,20 @@ def test_a_scan_file_that_cannot_be_read_is_a_failed_search_beside_others_and_ba
 
 
 @pytest.mark.slow
-def test_simulate_is_reproducible_and_says_where_the_truth_is(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_simulate_is_reproducible_and_says_where_the_truth_is(tmp_path: Path) -> None:
     for name in ("a", "b"):
         arguments = ["--robot", "panda", "--poses", "30", "--seed", "9", "--effect", "joint_compliance"]
-        document = run_json(capsys, "simulate", tmp_path / name / "cell", *arguments)
+        document = answered("simulate", tmp_path / name / "cell", *arguments)
         assert Path(document["truth"]).is_file()
     for file in ("poses.csv", "points.csv", "robot.toml", "truth.json"):
         assert (tmp_path / "a/cell" / file).read_bytes() == (tmp_path / "b/cell" / file).read_bytes()
     assert len(load_dataset(tmp_path / "a/cell").poses) == 30
-    assert "is not empty" in refused(capsys, "simulate", tmp_path / "a/cell", "--robot", "rb5")
-    line = refused(capsys, "simulate", tmp_path / "c", "--robot", "rb5", "--effect", "magic")
+    assert "is not empty" in refused("simulate", tmp_path / "a/cell", "--robot", "rb5")
+    line = refused("simulate", tmp_path / "c", "--robot", "rb5", "--effect", "magic")
     assert "magic" in line
     assert "joint_compliance" in line
     assert not (tmp_path / "c").exists()
-    assert "robot.toml" in refused(capsys, "simulate", tmp_path / "c", "--robot", tmp_path / "robot.toml")
+    assert "robot.toml" in refused("simulate", tmp_path / "c", "--robot", tmp_path / "robot.toml")
 
 
 @pytest.mark.slow
@@ -387,41 +347,35 @@ def test_simulated_scans_tell_how_noisy_they_are(
 
 
 @pytest.mark.slow
-def test_check_passes_or_says_why_not(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
-    good = run_json(capsys, "check", points_folder)
+def test_check_passes_or_says_why_not(points_folder: Path) -> None:
+    good = answered("check", points_folder)
     assert good["passed"] is True
     assert good["reasons"] == []
-    bad = run_json(capsys, "check", points_folder, "--max-test-rmse-mm", "0.0001", code=1)
+    bad = answered("check", points_folder, "--max-test-rmse-mm", "0.0001", code=1)
     assert bad["passed"] is False
     assert "was asked for" in bad["reasons"][0]
     for document in (good, bad):  # the verdict is told; it does not decide the exit code
         assert document["diagnosis"]["verdict"] == "adequate"
         assert [f["passed"] for f in document["findings"] if f["name"] == "diagnosis"] == [None]
-    several = run_json(capsys, "check", points_folder.parent)
+    several = answered("check", points_folder.parent)
     assert several["passed"] is True
-    assert main(["check", str(points_folder), "--max-test-rmse-mm", "0.0001"]) == 1
-    assert "NOT GOOD ENOUGH" in capsys.readouterr().out
+    assert "NOT GOOD ENOUGH" in printed("check", points_folder, "--max-test-rmse-mm", "0.0001", code=1)
 
 
 @pytest.mark.parametrize("command", ["corners", "redundancy", "calibrate", "check", "serve"])
-def test_a_folder_that_is_none_is_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str) -> None:
+def test_a_folder_that_is_none_is_one_line(tmp_path: Path, command: str) -> None:
     missing = tmp_path / "nowhere"
-    assert main([command, str(missing)]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    assert str(missing) in captured.err
+    captured = refused(command, missing)
+    assert str(missing) in captured
 
 
 @pytest.mark.slow
-def test_too_few_poses_and_an_unwritable_place(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path, tmp_path: Path
-) -> None:
+def test_too_few_poses_and_an_unwritable_place(points_folder: Path, own_points: Path, tmp_path: Path) -> None:
     for name in ("poses.csv", "points.csv"):
         pd.read_csv(own_points / name, dtype=str).head(6).to_csv(own_points / name, index=False)
-    assert "measure at least" in refused(capsys, "calibrate", own_points)
+    assert "measure at least" in refused("calibrate", own_points)
     (tmp_path / "file").write_text("x")
-    line = refused(capsys, "calibrate", points_folder, "--out", tmp_path / "file" / "robot.toml")
+    line = refused("calibrate", points_folder, "--out", tmp_path / "file" / "robot.toml")
     assert str(tmp_path / "file") in line
 
 
@@ -506,10 +460,8 @@ def hidden_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_diagnose_has_the_promised_keys_and_names_the_cause(
-    capsys: pytest.CaptureFixture[str], hidden_folder: Path
-) -> None:
-    document = run_json(capsys, "diagnose", hidden_folder)
+def test_diagnose_has_the_promised_keys_and_names_the_cause(hidden_folder: Path) -> None:
+    document = answered("diagnose", hidden_folder)
     assert document["verdict"] == "named"
     assert document["missing"] == ["transmission_error"]
     assert document["ambiguous_set"] == []
@@ -532,37 +484,32 @@ def test_diagnose_has_the_promised_keys_and_names_the_cause(
     assert {"input", "p_value"} <= set(leftover["inputs"][0])
     assert leftover["outlier_poses"] == []
     assert "transmission_error" in document["explanation"]
-    assert main(["diagnose", str(hidden_folder)]) == 0
-    assert "Verdict: What is missing is the transmission error" in capsys.readouterr().out
+    assert "Verdict: What is missing is the transmission error" in printed("diagnose", hidden_folder)
 
 
 @pytest.mark.slow
-def test_diagnose_and_check_take_the_options_of_a_fit(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, hidden_folder: Path
-) -> None:
+def test_diagnose_and_check_take_the_options_of_a_fit(points_folder: Path, hidden_folder: Path) -> None:
     """Their first fit is the one that `calibrate` makes with the same options, to the last digit."""
     fits = [["--hold", "d5"], ["--no-prior"], ["--tolerance", "a2=1e-9", "--robust"], ["--residual", "pairs"]]
     for options in fits:
-        fitted = run_json(capsys, "calibrate", points_folder, *options)
-        first = run_json(capsys, "diagnose", points_folder, "--max-steps", "0", *options)["steps"][0]
+        fitted = answered("calibrate", points_folder, *options)
+        first = answered("diagnose", points_folder, "--max-steps", "0", *options)["steps"][0]
         assert first["test_rmse_mm"] == fitted["test"]["rmse_mm"]
-        checked = run_json(capsys, "check", points_folder, *options)["calibration"]
+        checked = answered("check", points_folder, *options)["calibration"]
         assert checked == {key: fitted[key] for key in checked}
         assert {"parameters", "test"} <= set(checked)
     given = ["--effect", "transmission_error"]
-    with_effect = run_json(capsys, "check", hidden_folder, *given)
+    with_effect = answered("check", hidden_folder, *given)
     assert with_effect["calibration"]["effects"] == ["transmission_error"]
     assert with_effect["diagnosis"]["missing"] == []
-    assert "no parameter named 'b7'" in refused(capsys, "diagnose", hidden_folder, "--hold", "b7")
-    assert "rust" in refused(capsys, "check", hidden_folder, "--effect", "rust")
+    assert "no parameter named 'b7'" in refused("diagnose", hidden_folder, "--hold", "b7")
+    assert "rust" in refused("check", hidden_folder, "--effect", "rust")
 
 
 @pytest.mark.slow
-def test_add_is_the_diagnosis_step_to_the_last_digit(
-    capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
-) -> None:
-    diagnosed = run_json(capsys, "diagnose", hidden_folder)["steps"]
-    document = run_json(capsys, "calibrate", hidden_folder, "--add", "transmission_error")
+def test_add_is_the_diagnosis_step_to_the_last_digit(hidden_folder: Path, tmp_path: Path) -> None:
+    diagnosed = answered("diagnose", hidden_folder)["steps"]
+    document = answered("calibrate", hidden_folder, "--add", "transmission_error")
     assert [step["effect"] for step in document["steps"]] == [None, "transmission_error"]
     for step, found in zip(document["steps"], diagnosed, strict=True):
         assert step["train"]["rmse_mm"] == pytest.approx(found["train_rmse_mm"], rel=1e-9)
@@ -572,13 +519,12 @@ def test_add_is_the_diagnosis_step_to_the_last_digit(
     sizes = document["steps"][1]["sizes"]
     assert sizes
     assert all(tolerances[name] == pytest.approx(size) for name, size in sizes.items())
-    assert main(["calibrate", str(hidden_folder), "--add", "transmission_error"]) == 0
-    out = capsys.readouterr().out
+    out = printed("calibrate", hidden_folder, "--add", "transmission_error")
     assert re.search(r"^ +link errors +\d", out, re.MULTILINE)
     assert re.search(r"^ +\+ transmission_error +\d", out, re.MULTILINE)
     for name, says in (("rust", "rust"), ("scanner_scale", "cannot be fitted here")):
         robot = tmp_path / "robot.toml"
-        assert says in refused(capsys, "calibrate", hidden_folder, "--add", name, "--out", robot)
+        assert says in refused("calibrate", hidden_folder, "--add", name, "--out", robot)
         assert not robot.exists()
 
 
@@ -586,8 +532,8 @@ def test_add_is_the_diagnosis_step_to_the_last_digit(
 def test_validate_and_correct_take_the_options_of_a_fit(
     capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
 ) -> None:
-    plain = run_json(capsys, "validate", points_folder)
-    held = run_json(capsys, "validate", points_folder, "--hold", "a2", "--tolerance", "d5=0.5")
+    plain = answered("validate", points_folder)
+    held = answered("validate", points_folder, "--hold", "a2", "--tolerance", "d5=0.5")
     assert held["held_out"]["rmse_mm"] > 1.2 * plain["held_out"]["rmse_mm"]  # a2 is off, and now it has to stay
     out = tmp_path / "corrected.csv"
     targets = ["--joints", points_folder / "poses.csv", "--out", out]
@@ -598,26 +544,22 @@ def test_validate_and_correct_take_the_options_of_a_fit(
     assert len(set(written)) == 3
     capsys.readouterr()
     for command in (["validate", points_folder], ["correct", points_folder, *targets]):
-        assert "no parameter named 'b7'" in refused(capsys, *command, "--hold", "b7")
-        assert "position, pairs or pose" in refused(capsys, *command, "--robust", "--residual", "distance")
+        assert "no parameter named 'b7'" in refused(*command, "--hold", "b7")
+        assert "position, pairs or pose" in refused(*command, "--robust", "--residual", "distance")
 
 
-def test_effects_lists_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["effects", "--json"]) == 0
-    effects = json.loads(capsys.readouterr().out)["effects"]
+def test_effects_lists_the_catalogue() -> None:
+    effects = answered("effects")["effects"]
     assert {"joint_compliance", "axis_wobble", "scanner_scale"} <= {e["name"] for e in effects}
     for effect in effects:
         assert effect["equation"]
         assert effect["needs"]
         assert all(p["unit"] for p in effect["parameters"])
-    assert main(["effects"]) == 0
-    assert "transmission_error: theta_j += A sin(n q_j)" in capsys.readouterr().out
+    assert "transmission_error: theta_j += A sin(n q_j)" in printed("effects")
 
 
 @pytest.mark.thorough
-def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
-    capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
-) -> None:
+def test_an_effects_file_is_used_and_a_bad_one_is_one_line(hidden_folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     path.write_text(
         "from calib.effects.base import Parameter\n\n\n"
@@ -628,11 +570,11 @@ def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
         "        print('applied')\n"
         "        return state.displace((x_mm * state.q_rad[:, :1] * [1.0, 0.0, 0.0]))\n"
     )
-    document = run_json(capsys, "diagnose", hidden_folder, "--effects-file", path)
+    document = answered("diagnose", hidden_folder, "--effects-file", path)
     assert "fan" in {c["effect"] for c in document["candidates"]}
     assert document["missing"] == ["transmission_error"]
     path.write_text("def broken(:\n")
-    line = refused(capsys, "diagnose", hidden_folder, "--effects-file", path)
+    line = refused("diagnose", hidden_folder, "--effects-file", path)
     assert "line 1" in line
     assert str(path) in line
 

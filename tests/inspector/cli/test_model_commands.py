@@ -15,6 +15,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.rendering.numbers import parameter_label
 from inspector.cli.parser import main
 from tests.support.checked_cell import measured_twice
+from tests.support.commands import answered, printed, refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
@@ -30,26 +31,12 @@ def model(folder: Path) -> Path:
     return path
 
 
-def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
-    capsys.readouterr()
-    assert main([*map(str, arguments), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    capsys.readouterr()
-    assert main(list(map(str, arguments))) == 2
-    captured = capsys.readouterr()
-    assert (captured.out, captured.err.count("\n")) == ("", 1)
-    return captured.err
-
-
 @pytest.mark.slow
 def test_validate_tells_the_errors_of_the_model_as_it_is(
     folder: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    fitted = printed(capsys, "calibrate", folder, "--add", HIDDEN)
-    found = printed(capsys, "validate", folder, "--model", model)
+    fitted = answered("calibrate", folder, "--add", HIDDEN)
+    found = answered("validate", folder, "--model", model)
     for key in ("before", "train", "test"):
         assert found[key] == fitted[key]
     assert found["model"]["test"] == fitted["test"]
@@ -62,44 +49,37 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
     row = int((dataset.points.pose == int(dataset.poses.is_test.argmax())).argmax())
     moved[row] += [3.0, 0.0, 0.0]
     write_dataset(dataset.with_points(replace(dataset.points, xyz_mm=moved)), tmp_path / "later")
-    later = printed(capsys, "validate", tmp_path / "later", "--model", model)
+    later = answered("validate", tmp_path / "later", "--model", model)
     assert later["model"]["same_measurements"] is False
     assert later["train"] == pytest.approx(found["train"], rel=1e-9)
     assert later["test"]["max_mm"] == pytest.approx(3.0, abs=0.3)
     capsys.readouterr()
-    assert main(["validate", str(tmp_path / "later"), "--model", str(model)]) == 0
-    assert "not the files" in capsys.readouterr().out
+    assert "not the files" in printed("validate", tmp_path / "later", "--model", model)
 
 
 @pytest.mark.slow
-def test_targets_lack_what_the_model_depends_on(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_targets_lack_what_the_model_depends_on(folder: Path, tmp_path: Path) -> None:
     model, targets = tmp_path / "m.json", tmp_path / "targets.csv"
     assert main(["calibrate", str(folder), "--effect", "thermal_growth", "--model-out", str(model)]) == 0
     pd.read_csv(folder / "poses.csv").drop(columns="temperature_c").to_csv(targets, index=False)
-    line = refused(capsys, "correct", folder, "--model", model, "--joints", targets, "--out", tmp_path / "c.csv")
+    line = refused("correct", folder, "--model", model, "--joints", targets, "--out", tmp_path / "c.csv")
     assert "missing column temperature_c" in line
     assert not (tmp_path / "c.csv").exists()
 
 
 @pytest.mark.slow
-def test_a_model_is_not_fitted_again_nor_overwritten(
-    folder: Path, model: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_model_is_not_fitted_again_nor_overwritten(folder: Path, model: Path) -> None:
     for extra in (["--robust"], ["--effect", HIDDEN], ["--hold", "a2"], ["--no-prior"], ["--folds", "3"]):
-        line = refused(capsys, "validate", folder, "--model", model, *extra)
+        line = refused("validate", folder, "--model", model, *extra)
         assert f"leave out {extra[0]}" in line
     before = model.read_bytes()
     targets = folder / "poses.csv"
-    line = refused(capsys, "correct", folder, "--model", model, "--joints", targets, "--out", model)
+    line = refused("correct", folder, "--model", model, "--joints", targets, "--out", model)
     assert "this command reads" in line
     assert model.read_bytes() == before
 
 
-def test_a_damaged_model_is_one_line(
-    folder: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_model_is_one_line(folder: Path, model: Path, tmp_path: Path) -> None:
     damaged, out = tmp_path / "m.json", tmp_path / "c.csv"
     document = json.loads(model.read_text())
     for content, says in (
@@ -111,17 +91,15 @@ def test_a_damaged_model_is_one_line(
         ),
     ):
         damaged.write_text(content)
-        assert says in refused(capsys, "validate", folder, "--model", damaged)
-        line = refused(capsys, "correct", folder, "--model", damaged, "--joints", folder / "poses.csv", "--out", out)
+        assert says in refused("validate", folder, "--model", damaged)
+        line = refused("correct", folder, "--model", damaged, "--joints", folder / "poses.csv", "--out", out)
         assert line.startswith(f"inspector: {damaged}: ")
-    assert "no such model file" in refused(capsys, "validate", folder, "--model", tmp_path / "none.json")
+    assert "no such model file" in refused("validate", folder, "--model", tmp_path / "none.json")
     assert not out.exists()
 
 
 @pytest.mark.slow
-def test_no_model_is_written_for_a_fit_that_is_no_improvement(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_model_is_written_for_a_fit_that_is_no_improvement(folder: Path, tmp_path: Path) -> None:
     spoiled, out = tmp_path / "cell", tmp_path / "m.json"
     dataset = load_dataset(folder)
     points = dataset.points
@@ -129,29 +107,24 @@ def test_no_model_is_written_for_a_fit_that_is_no_improvement(
     off_mm = calib.calibrate(dataset).before.error_mm  # with it the nominal robot is right at the test poses
     xyz_mm = points.xyz_mm + np.where(is_test[:, None], off_mm, 0.0)
     write_dataset(dataset.with_points(replace(points, xyz_mm=xyz_mm)), spoiled)
-    assert "got worse" in refused(capsys, "calibrate", spoiled, "--model-out", out)
+    assert "got worse" in refused("calibrate", spoiled, "--model-out", out)
     assert not out.exists()
     assert main(["calibrate", str(spoiled), "--model-out", str(out), "--force"]) == 0
     assert calib.load_model(out).after.test == calib.calibrate(load_dataset(spoiled)).after.test
 
 
 @pytest.mark.slow
-def test_compare_names_the_one_change_between_two_measurements(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_compare_names_the_one_change_between_two_measurements(tmp_path: Path) -> None:
     for dataset in measured_twice(5, {"theta3": np.radians(0.03)}):
         write_dataset(dataset, tmp_path / dataset.name)
     folders = [str(tmp_path / name) for name in ("before", "after")]
-    assert main(["compare", *folders]) == 0
-    assert "zero of joint 3 (theta3)" in capsys.readouterr().out
-    assert main(["compare", *folders, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    assert "zero of joint 3 (theta3)" in printed("compare", *folders)
+    document = answered("compare", *folders)
     assert document["differs"]
     assert [change["parameter"] for change in document["changes"]] == ["theta3"]
     assert document["changes"][0]["size"] == pytest.approx(np.radians(0.03), abs=np.radians(0.006))
     assert document["errors"][1]["after"]["test"]["rmse_mm"] < document["errors"][1]["before"]["test"]["rmse_mm"]
-    assert main(["compare", folders[0], str(tmp_path / "nowhere")]) == 2
-    assert "nowhere" in capsys.readouterr().err
+    assert "nowhere" in refused("compare", folders[0], tmp_path / "nowhere")
 
 
 @pytest.mark.slow
@@ -159,10 +132,9 @@ def test_a_printed_table_shows_no_rounding_error_for_what_stayed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     capsys.readouterr()
-    assert main(["calibrate", str(folder)]) == 0
-    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.split()[-1:] in (["mm"], ["°"])]
+    rows = [line.split() for line in printed("calibrate", folder).splitlines() if line.split()[-1:] in (["mm"], ["°"])]
     told = {row[0]: row for row in rows if row[1] != "+"}  # without the sums
-    exact = {p["name"]: p for p in printed(capsys, "calibrate", folder)["parameters"]}
+    exact = {p["name"]: p for p in answered("calibrate", folder)["parameters"]}
     label = {name: parameter_label(name) for name in exact}
     assert set(told) == set(label.values())
     stayed = {name for name, p in exact.items() if abs(p["value"] - p["nominal"]) < 1e-6 * p["sigma"]}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
+from tests.support.commands import answered, printed, refused
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_next_poses_of_a_dataset(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "next.csv"
     arguments = ["plan", str(folder), "--add", "3", "--out", str(out), "--effect", "joint_compliance"]
-    assert main([*arguments, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered(*arguments)
     assert [pose["pose"] for pose in document["poses"]] == ["p46", "p47", "p48"]
     assert {"pose", "q", "why"} <= set(document["poses"][0])
     assert document["settles"] is None
@@ -49,19 +48,17 @@ def test_the_next_poses_of_a_dataset(folder: Path, tmp_path: Path, capsys: pytes
 
 
 @pytest.mark.slow
-def test_what_is_missing_is_diagnosed_first(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", str(folder), "--add", "2", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+def test_what_is_missing_is_diagnosed_first(folder: Path) -> None:
+    document = answered("plan", folder, "--add", "2")
     assert document["model"] == ["joint_compliance"]
     assert "model is that of the diagnosis" in document["notes"][0]
 
 
 @pytest.mark.slow
-def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_first_set_for_a_robot(tmp_path: Path) -> None:
     out = tmp_path / "poses.csv"
     place = ["--scanner", "1200,0,520,400,0,400", "--noise-mm", "0.02"]
-    assert main(["plan", "RB5", "--poses", "16", "--out", str(out), *place]) == 0
-    text = capsys.readouterr().out
+    text = printed("plan", "RB5", "--poses", "16", "--out", out, *place)
     assert "16 poses for RB5-850" in text
     assert "20 µm per coordinate" in text
     table = pd.read_csv(out)
@@ -80,14 +77,9 @@ def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[s
         (["rb5", "--for", "backlash", "--criterion", "D"], "--criterion D is of a calibration"),
     ],
 )
-def test_what_cannot_be_planned_is_one_line(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["plan", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert said in captured.err
-    assert captured.err.count("\n") == 1
+def test_what_cannot_be_planned_is_one_line(arguments: list[str], said: str) -> None:
+    captured = refused("plan", *arguments)
+    assert said in captured
 
 
 @pytest.mark.parametrize("place", ["1,2", "here", "1,2,nan"])

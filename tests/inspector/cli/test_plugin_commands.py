@@ -13,6 +13,7 @@ from inspector import plugins
 from inspector.cli import commands as of_commands
 from inspector.cli.parser import main
 from inspector.plugins import Command, CommandOptions, PipExtra
+from tests.support.commands import printed, refused
 
 SAMPLE = Path(__file__).parents[3] / "sample_data" / "hidden_effect_a"
 MODULE = '''
@@ -77,35 +78,25 @@ def brings(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     of_commands._readable.cache_clear()
 
 
-def test_a_command_of_a_plug_in_stands_in_its_place_and_runs(
-    capsys: pytest.CaptureFixture[str], brings: Callable[..., None]
-) -> None:
+def test_a_command_of_a_plug_in_stands_in_its_place_and_runs(brings: Callable[..., None]) -> None:
     brings(Command("hello", "elsewhere:HelloOptions", "elsewhere:run_hello", after="verify"))
     names = list(of_commands.commands())
     assert names[names.index("verify") + 1] == "hello"
-    assert main(["hello", "World"]) == 1
-    assert capsys.readouterr().out == "Hello, World.\n"
+    assert printed("hello", "World", code=1) == "Hello, World.\n"
 
 
-def test_a_package_that_a_plug_in_needs_is_named_with_what_installs_it(
-    capsys: pytest.CaptureFixture[str], brings: Callable[..., None]
-) -> None:
+def test_a_package_that_a_plug_in_needs_is_named_with_what_installs_it(brings: Callable[..., None]) -> None:
     brings(
         Command("hello", "elsewhere:HelloOptions", "elsewhere:run_without"),
         PipExtra("greetings", ("no_such_package",)),
     )
-    assert main(["hello", "World"]) == 2
-    assert "pip install 'robot-calibration-inspector[greetings]'" in capsys.readouterr().err
+    assert "pip install 'robot-calibration-inspector[greetings]'" in refused("hello", "World")
 
 
-def test_options_of_a_plug_in_are_asked_where_one_is_given(
-    capsys: pytest.CaptureFixture[str], brings: Callable[..., None], tmp_path: Path
-) -> None:
+def test_options_of_a_plug_in_are_asked_where_one_is_given(brings: Callable[..., None], tmp_path: Path) -> None:
     brings(CommandOptions("calibrate", "elsewhere:NoteOptions", "elsewhere:Note"))
-    assert main(["calibrate", str(SAMPLE)]) == 0
-    assert "note" not in capsys.readouterr().out
-    assert main(["calibrate", str(SAMPLE), "--note", str(tmp_path / "note.txt")]) == 0
-    assert capsys.readouterr().out.endswith("A note was written.\n")
+    assert "note" not in printed("calibrate", SAMPLE)
+    assert printed("calibrate", SAMPLE, "--note", tmp_path / "note.txt").endswith("A note was written.\n")
     assert (tmp_path / "note.txt").read_text().endswith(", position")
     assert main(["calibrate", str(SAMPLE), "--note", str(SAMPLE / "robot.toml")]) == 2
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.scanner import ScanModel
 from calib.simulation.simulate import simulate_dataset
-from inspector.cli.parser import main
+from tests.support.commands import answered, printed
 
 COARSE = ScanModel(points=6000, window_mm=80.0)
 
@@ -27,18 +26,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_corners_writes_full_poses_that_calibrate_reads(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_corners_writes_full_poses_that_calibrate_reads(folder: Path, tmp_path: Path) -> None:
     plain, full = tmp_path / "plain.csv", tmp_path / "full.csv"
-    assert main(["corners", str(folder), "--out", str(plain), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["orientations"]
+    told = answered("corners", folder, "--out", plain)["orientations"]
     assert told["named_by"] == "robot"
     assert told["refused"] == []
     assert len(told["poses"]) == 11
     assert all(pose["margin"] > 60.0 for pose in told["poses"])
-    assert main(["corners", str(folder), "--out", str(full), "--orientation"]) == 0
-    assert "nominal robot at 11 poses" in capsys.readouterr().out
+    assert "nominal robot at 11 poses" in printed("corners", folder, "--out", full, "--orientation")
     header, wider = (path.read_text().splitlines()[0].split(",") for path in (plain, full))
     assert "qw" not in header
     assert wider[: len(header)] == header
@@ -56,8 +51,7 @@ def test_corners_writes_full_poses_that_calibrate_reads(
 
     found = []
     for path in (folder, measured):  # from the scans at once, and by way of the file
-        assert main(["calibrate", str(path), "--residual", "pose", "--json"]) == 0
-        found.append(json.loads(capsys.readouterr().out))
+        found.append(answered("calibrate", path, "--residual", "pose"))
     assert found[0]["residual"] == "pose"
     assert found[0]["attitudes"]["after"]["train"]["rmse_rad"] < 5e-4
     assert found[0]["attitudes"]["before"]["train"]["rmse_rad"] > 2e-3

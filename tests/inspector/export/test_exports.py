@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import io
-import json
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -41,6 +40,7 @@ from inspector.session.reopening import dataset_of, opening
 from inspector.session.session_file import load_session
 from tests.support.app import IDLE_S, idle_app
 from tests.support.browser import colours_in, need_chromium, node_drawn, open_page
+from tests.support.commands import answered, refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
 from tests.support.wire_client import WireClient
@@ -185,13 +185,12 @@ def test_the_scene_is_in_metres_y_up_and_shows_where_the_model_predicts(dataset:
 
 
 def test_one_command_writes_them_all_and_another_opens_the_session(
-    folder: Path, fitted: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, fitted: Calibration, tmp_path: Path
 ) -> None:
     files = {name: tmp_path / "new" / name for name in ("robot.toml", "r.csv", "s.glb", "s.json")}
     flags = ("--out", "--residuals", "--scene", "--session")
     given = [str(part) for pair in zip(flags, files.values(), strict=True) for part in pair]
-    assert main(["calibrate", str(folder), "--add", HIDDEN, "--json", *given]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("calibrate", folder, "--add", HIDDEN, *given)
     table = exported_table(fitted)  # best without the effect, which no table can hold
     assert load_robot_toml(files["robot.toml"]).table == pytest.approx(table.robot.table, rel=1e-12)
     assert files["robot.toml"].read_text() == table.to_toml()
@@ -207,9 +206,7 @@ def test_one_command_writes_them_all_and_another_opens_the_session(
     assert opening(read, folder)[1] == ()
 
 
-def test_a_session_that_cannot_hold_the_fit_is_refused_and_nothing_is_written(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_session_that_cannot_hold_the_fit_is_refused_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
     out = ["--out", str(tmp_path / "robot.toml"), "--session", str(tmp_path / "s.json")]
     for extra in (
         ["--hold", "a2"],
@@ -218,19 +215,14 @@ def test_a_session_that_cannot_hold_the_fit_is_refused_and_nothing_is_written(
         ["--no-prior"],
         ["--tolerance", "a2=1"],
     ):
-        assert main(["calibrate", str(folder), *out, *extra]) == 2
-        captured = capsys.readouterr()
-        assert (captured.out, captured.err.count("\n")) == ("", 1)
-        assert f"leave out {extra[0]}" in captured.err
+        captured = refused("calibrate", folder, *out, *extra)
+        assert f"leave out {extra[0]}" in captured
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_redundancy_matrix_is_that_of_the_json(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_redundancy_matrix_is_that_of_the_json(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "r.csv"
-    assert main(["redundancy", str(folder), "--out", str(out), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("redundancy", folder, "--out", out)
     table = pd.read_csv(out, index_col="parameter")
     assert table.index.tolist() == table.columns.tolist() == document["parameters"]
     np.testing.assert_allclose(table.to_numpy(), np.array(document["pearson"], dtype=float), atol=1e-12)

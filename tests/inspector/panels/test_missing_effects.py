@@ -17,7 +17,8 @@ from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.panels.learn.missing_effects import FIND, REDO, UNDO
 from inspector.session.session import Session
-from tests.support.app import ADD, IDLE_S, command, idle_app, plain, shows
+from tests.support.app import ADD, IDLE_S, idle_app, plain, shows
+from tests.support.commands import answered
 from tests.support.hidden_dataset import HIDDEN
 from tests.support.wire_client import WireClient
 
@@ -44,7 +45,7 @@ def history(page: WireClient) -> dict[str, list[float]]:
 
 
 def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireClient) -> None:
-    told = command("diagnose", folder)
+    told = answered("diagnose", folder)
     page.click(FIND)
     page.wait(lambda p: "Verdict: " in plain(p), 60)
     assert app.worker.wait_idle(IDLE_S)

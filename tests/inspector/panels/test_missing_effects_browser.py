@@ -10,8 +10,9 @@ import pytest
 from calib.rendering import numbers
 from inspector.app.app import App
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
-from tests.support.app import ADD, IDLE_S, command
+from tests.support.app import ADD, IDLE_S
 from tests.support.browser import MS, says
+from tests.support.commands import answered
 from tests.support.hidden_dataset import HIDDEN
 
 pytestmark = pytest.mark.browser
@@ -38,7 +39,7 @@ def steps_drawn(page: Any, count: int) -> None:
 
 @pytest.mark.slow
 def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
-    told = command("diagnose", folder)
+    told = answered("diagnose", folder)
     before, after = (numbers.column_mm(step["test_rmse_mm"]) for step in told["steps"])
     assert fact(page, "test 3D RMSE") == f"{before} mm"
     steps_drawn(page, 2)
@@ -61,7 +62,7 @@ def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
 @pytest.mark.thorough
 @pytest.mark.slow
 def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App, folder: Path) -> None:
-    told = command("diagnose", folder)
+    told = answered("diagnose", folder)
     press(page, FIND)
     says(page, told["explanation"].split("\n\n")[-1])
     assert app.worker.wait_idle(IDLE_S)

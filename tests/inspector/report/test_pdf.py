@@ -14,6 +14,7 @@ from inspector.cli.parser import main
 from inspector.report.pdf import is_report_pdf, pdf_of
 from inspector.report.report import is_report
 from tests.support.browser import need_chromium
+from tests.support.commands import refused
 from tests.support.hidden_dataset import write_hidden
 
 PAGE = "<!DOCTYPE html><meta charset=utf-8><title>t</title><p style='break-after:page'>one<p>two"
@@ -62,17 +63,12 @@ def test_a_page_is_printed_page_by_page(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_browser")
 @pytest.mark.parametrize("option", ["--out", "--pdf"])
-def test_without_a_browser_one_line_says_what_to_install(
-    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_browser_one_line_says_what_to_install(option: str, tmp_path: Path) -> None:
     folder = write_hidden(tmp_path)
     out = {"--out": str(tmp_path / "report.html"), option: str(tmp_path / "report.pdf")}
-    assert main(["report", str(folder), *(word for pair in out.items() for word in pair)]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
+    captured = refused("report", folder, *(word for pair in out.items() for word in pair))
     for told in ("install Chromium or Chrome", "CHROMIUM", "--out report.html"):
-        assert told in captured.err
+        assert told in captured
     assert not (tmp_path / "report.html").exists()
     assert not (tmp_path / "report.pdf").exists()
 
@@ -100,9 +96,8 @@ def test_a_browser_that_prints_nothing_or_hangs_is_told_and_ended(
     assert (alive.stat().st_mtime if alive.exists() else 0.0) == seen
 
 
-def test_another_files_pdf_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_files_pdf_is_not_replaced(tmp_path: Path) -> None:
     pdf = tmp_path / "invoice.pdf"
     pdf.write_bytes(b"%PDF-1.4 precious")
-    assert main(["report", str(write_hidden(tmp_path)), "--out", str(pdf)]) == 2
-    assert "--force" in capsys.readouterr().err
+    assert "--force" in refused("report", write_hidden(tmp_path), "--out", pdf)
     assert pdf.read_bytes() == b"%PDF-1.4 precious"

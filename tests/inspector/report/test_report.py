@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from tests.support import ROOT
 from tests.support.arms import dataset_of, jang_arm
+from tests.support.commands import answered
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
 
@@ -70,8 +70,7 @@ def figures(page: str) -> list[str]:
 @pytest.mark.slow
 def test_it_says_what_diagnose_says(folder: Path, written: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
-    assert main(["diagnose", str(folder / "hostile"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = answered("diagnose", folder / "hostile")
     words = plain(written.read_text())
     for paragraph in found["explanation"].replace("Verdict: ", "").split("\n\n"):
         assert " ".join(paragraph.split()).replace(" above", " below")[:60] in words.replace(" above", " below")
@@ -91,8 +90,7 @@ def test_it_says_what_diagnose_says(folder: Path, written: Path, capsys: pytest.
 @pytest.mark.slow
 def test_the_parameters_are_those_of_the_fit(folder: Path, written: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
-    assert main(["calibrate", str(folder / "hostile"), "--add", HIDDEN, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = answered("calibrate", folder / "hostile", "--add", HIDDEN)
     words = plain(written.read_text())
     table = words[words.index("name nominal fitted change sigma unit") :]
     undetermined = [p for p in found["parameters"] if not p["known"] and "." not in p["name"]]

@@ -18,12 +18,12 @@ from calib.diagnosis.effect_selection import calibrate_with
 from calib.errors import CalibError
 from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.options import FitOptions
-from inspector.cli.parser import main
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, opening, reopened
 from inspector.session.session import Session
 from inspector.session.session_file import SessionFileError, Shown, load_session, save_session, session_text
+from tests.support.commands import refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
@@ -309,13 +309,8 @@ def test_a_link_out_of_the_served_folder_is_not_followed(saved: Path, folder: Pa
         dataset_of(load_session(saved), served)
 
 
-def test_serve_refuses_a_bad_session_with_exit_code_2(
-    saved: Path, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_serve_refuses_a_bad_session_with_exit_code_2(saved: Path, folder: Path) -> None:
     for change in (lambda d: d.update(version=9), lambda d: outside(d, "/etc")):
         edited(saved, change)
-        assert main(["serve", str(folder), "--port", "0", "--session", str(saved)]) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.count("\n") == 1
-        assert str(saved) in captured.err
+        captured = refused("serve", folder, "--port", "0", "--session", saved)
+        assert str(saved) in captured

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 from inspector.cli.parser import main
 from tests.support import ROOT
+from tests.support.commands import answered, printed, refused
 
 SLIPPED = ROOT / "sample_data" / "hidden_effect_c"
 
@@ -18,11 +18,9 @@ SLIPPED = ROOT / "sample_data" / "hidden_effect_c"
 def test_the_commands_name_it_with_joint_and_pose_and_correct_for_the_arm_as_it_is_now(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["diagnose", str(SLIPPED)]) == 0
-    assert "-0.23° from pose p37 on" in capsys.readouterr().out
+    assert "-0.23° from pose p37 on" in printed("diagnose", SLIPPED)
     model = tmp_path / "model.json"
-    assert main(["calibrate", str(SLIPPED), "--add", "joint_step", "--model-out", str(model), "--json"]) == 0
-    fitted = json.loads(capsys.readouterr().out)["parameters"]
+    fitted = answered("calibrate", SLIPPED, "--add", "joint_step", "--model-out", model)["parameters"]
     (step,) = [p for p in fitted if p["name"].startswith("joint_step.")]
     assert step["name"] == "joint_step.J5.from_p37_rad"
     targets, out = tmp_path / "targets.csv", tmp_path / "out.csv"
@@ -33,5 +31,4 @@ def test_the_commands_name_it_with_joint_and_pose_and_correct_for_the_arm_as_it_
     assert "last measured pose (joint_step)" in capsys.readouterr().out
     assert np.degrees(step["value"]) == pytest.approx(-0.23, abs=0.01)
     assert float(out.read_text().splitlines()[1].split(",")[4]) > 50.2  # turned back by the slip; the rest is theta5
-    assert main(["calibrate", str(SLIPPED), "--effect", "joint_step"]) == 2
-    assert "--add joint_step" in capsys.readouterr().err
+    assert "--add joint_step" in refused("calibrate", SLIPPED, "--effect", "joint_step")

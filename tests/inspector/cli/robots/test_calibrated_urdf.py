@@ -16,7 +16,7 @@ from calib.robot_formats.origin_yaml import plain_yaml
 from calib.robot_formats.robot_file import read_robot
 from calib.robot_formats.urdf.text import plain_urdf
 from calib.simulation.simulate import simulate_dataset
-from inspector.cli.parser import main
+from tests.support.commands import answered, printed, refused
 
 
 @pytest.fixture(scope="module")
@@ -31,14 +31,11 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_the_written_file_is_the_exported_table_and_tells_what_it_leaves_out(
-    cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_written_file_is_the_exported_table_and_tells_what_it_leaves_out(cell: Path, tmp_path: Path) -> None:
     out, toml = tmp_path / "calibrated.urdf", tmp_path / "robot.toml"
     more = ["--effect", "joint_compliance", "--out", str(toml), "--json"]
     template = ["--template", str(cell / "arm.urdf")]
-    assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out), *template, *more]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(printed("calibrate", cell / "data", "--urdf-out", out, *template, *more))
     assert document["urdf"]["left_out"] == ["joint_compliance"]
     assert "no origin holds joint_compliance" in document["urdf"]["notes"][0]
     table, written = load_robot_toml(toml), read_robot(out).robot
@@ -52,32 +49,22 @@ def test_the_written_file_is_the_exported_table_and_tells_what_it_leaves_out(
     assert "origins calibrated by robot-calibration-inspector" in after[2]
 
 
-def test_a_template_of_another_arm_is_refused_before_the_fit(
-    cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_template_of_another_arm_is_refused_before_the_fit(cell: Path, tmp_path: Path) -> None:
     other, out = tmp_path / "panda.urdf", tmp_path / "calibrated.urdf"
     other.write_text(plain_urdf(chain_of(builtin_robot("panda"))))
-    assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out), "--template", str(other)]) == 2
-    assert "has 7 joints" in capsys.readouterr().err
-    assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out)]) == 2
-    assert "--template ROBOT.urdf" in capsys.readouterr().err
+    assert "has 7 joints" in refused("calibrate", cell / "data", "--urdf-out", out, "--template", other)
+    assert "--template ROBOT.urdf" in refused("calibrate", cell / "data", "--urdf-out", out)
     xacro = tmp_path / "arm.xacro"
-    assert (
-        main(["calibrate", str(cell / "data"), "--urdf-out", str(out), "--template", str(xacro)]) == 2
-    )  # by its suffix: it is not read
-    assert "give --kinematics-out" in capsys.readouterr().err
+    assert "give --kinematics-out" in refused("calibrate", cell / "data", "--urdf-out", out, "--template", xacro)
     assert not out.exists()
 
 
-def test_a_kinematics_file_gets_the_same_origins_and_keeps_its_hash(
-    cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_kinematics_file_gets_the_same_origins_and_keeps_its_hash(cell: Path, tmp_path: Path) -> None:
     own, out, urdf = tmp_path / "own.yaml", tmp_path / "out.yaml", tmp_path / "out.urdf"
     own.write_text(plain_yaml(chain_of(builtin_robot("rb5"))) + "  hash: calib_42\n")
     outputs = ["--kinematics-out", str(out), "--urdf-out", str(urdf)]
     templates = ["--template", str(own), "--template", str(cell / "arm.urdf")]
-    assert main(["calibrate", str(cell / "data"), *outputs, *templates, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("calibrate", cell / "data", *outputs, *templates)
     assert document["kinematics"]["changed"] == document["urdf"]["changed"][:-1]
     assert out.read_text().endswith("  hash: calib_42\n")
     one, other = read_robot(out), read_robot(urdf)

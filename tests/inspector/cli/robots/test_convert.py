@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from calib.dataset.files.robot_toml import load_robot_toml
 from calib.kinematics.chain import nominal_chain
 from inspector.cli.parser import main
 from tests.support.chains import shoulder_arm
+from tests.support.commands import answered, printed, refused
 
 
 @pytest.fixture
@@ -21,15 +21,11 @@ def urdf(tmp_path: Path) -> Path:
     return path
 
 
-def test_to_robot_toml_and_back_leaves_the_text_alone(
-    urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_to_robot_toml_and_back_leaves_the_text_alone(urdf: Path, tmp_path: Path) -> None:
     toml, out = tmp_path / "robot.toml", tmp_path / "out.urdf"
-    assert main(["convert", str(urdf), str(toml), "--tip", "tool0"]) == 0
-    said = capsys.readouterr().out
+    said = printed("convert", urdf, toml, "--tip", "tool0")
     assert "(pan, lift, elbow, slide, roll)" in said
-    assert main(["convert", str(toml), str(out), "--template", str(urdf)]) == 0
-    assert "no origin changed" in capsys.readouterr().out
+    assert "no origin changed" in printed("convert", toml, out, "--template", urdf)
     assert out.read_bytes() == urdf.read_bytes()
 
 
@@ -38,8 +34,7 @@ def test_a_plain_urdf_is_the_same_arm(urdf: Path, tmp_path: Path, capsys: pytest
     main(["convert", str(urdf), str(toml), "--tip", "tool0"])
     assert main(["convert", str(toml), str(out)]) == 0
     capsys.readouterr()
-    assert main(["convert", str(out), str(again), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("convert", out, again)
     assert document["largest_difference_mm"] < 1e-9
     one, other = load_robot_toml(toml), load_robot_toml(again)
     q = np.random.default_rng(0).uniform(-1, 1, (5, 5))
@@ -67,16 +62,12 @@ def test_what_cannot_be_done_is_one_line_and_nothing_is_written(
     urdf: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
     arguments: list[str],
     said: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.toml").write_text("")
     before = sorted(tmp_path.iterdir())
-    assert main(["convert", *arguments]) == 2
-    found = capsys.readouterr()
-    assert said in found.err
-    assert found.err.count("\n") == 1
-    assert found.out == ""
+    found = refused("convert", *arguments)
+    assert said in found
     assert sorted(tmp_path.iterdir()) == before

@@ -15,6 +15,7 @@ from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.urdf.text import plain_urdf
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
+from tests.support.commands import answered, printed, refused
 
 
 @pytest.fixture
@@ -44,20 +45,16 @@ def test_it_says_what_it_took_columns_for(given: Path, capsys: pytest.CaptureFix
     assert "for rad" in said
     assert "taken for m" in said
     assert "40 poses (1 reference, 29 train, 10 test)" in said
-    assert main(["calibrate", str(given / "cell"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["test"]["rmse_mm"] < 0.2
-    assert main([*arguments, "--json"]) == 2
-    assert "not empty" in capsys.readouterr().err
+    assert answered("calibrate", given / "cell")["test"]["rmse_mm"] < 0.2
+    assert "not empty" in refused(*arguments)
 
 
 @pytest.mark.slow
-def test_the_one_json_object_has_what_was_recognised(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_one_json_object_has_what_was_recognised(given: Path) -> None:
     arguments = ["--robot", "rb5", "--joints", str(given / "log.csv"), "--map", "z=z_m", "--json"]
-    assert main(["import", str(given / "cell"), *arguments]) == 2
-    assert "have different units" in capsys.readouterr().err
+    assert "have different units" in refused("import", given / "cell", *arguments)
     maps = ["--map", "x=x_m", "--map", "y=y_m"]
-    assert main(["import", str(given / "cell"), *arguments, *maps]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(printed("import", given / "cell", *arguments, *maps))
     assert document["roles"] == {"reference": 1, "train": 29, "test": 10}
     assert any("in m " in line for line in document["recognised"])
 
@@ -69,22 +66,18 @@ def packed(given: Path, *names: str) -> Path:
     return given / "my.zip"
 
 
-def test_a_plan_with_faults_lists_them_and_ends_with_1(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_with_faults_lists_them_and_ends_with_1(given: Path) -> None:
     source = packed(given, "log.csv")
-    assert main(["import", str(given / "cell"), "--from", str(source), "--dry-run", "--json"]) == 1
-    (fault,) = json.loads(capsys.readouterr().out)["faults"]
+    (fault,) = answered("import", given / "cell", "--from", source, "--dry-run", code=1)["faults"]
     assert "no robot is chosen" in fault
-    assert main(["import", str(given / "cell"), "--from", str(source)]) == 2
-    assert "no robot is chosen" in capsys.readouterr().err
-    assert main(["import", str(given / "cell"), "--joints", "a.csv"]) == 2
-    assert "--joints" in capsys.readouterr().err
+    assert "no robot is chosen" in refused("import", given / "cell", "--from", source)
+    assert "--joints" in refused("import", given / "cell", "--joints", "a.csv")
 
 
 @pytest.mark.slow
-def test_from_a_urdf_and_a_csv_to_the_first_diagnosis(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_from_a_urdf_and_a_csv_to_the_first_diagnosis(given: Path) -> None:
     files = ["--robot", str(given / "arm.urdf"), "--joints", str(given / "log.csv")]
-    assert main(["import", str(given / "cell"), *files, "--diagnose", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("import", given / "cell", *files, "--diagnose")
     assert document["poses"] == 40
     assert document["diagnosis"]["verdict"] == "adequate"
 
@@ -97,8 +90,7 @@ def test_bad_rows_are_left_out_where_asked_with_sigma_and_tool(given: Path, caps
     arguments = ["import", str(given / "cell"), "--robot", str(given / "arm.urdf"), "--joints", str(given / "log.csv")]
     assert main(arguments) == 2
     assert "--skip-bad-rows leaves out the row that cannot be read" in capsys.readouterr().err
-    assert main([*arguments, "--dry-run", "--json"]) == 1
-    document = json.loads(capsys.readouterr().out)
+    document = answered(*arguments, "--dry-run", code=1)
     assert [(row["table"], row["line"], row["column"]) for row in document["bad_rows"]] == [("log.csv", 6, "joint_2")]
     assert document["bad_rows_left_out"] is False
     assert main([*arguments, "--skip-bad-rows", "--sigma", "0.02", "--tool=0,0,0.5", "--json"]) == 0
@@ -117,6 +109,5 @@ def test_bad_rows_are_left_out_where_asked_with_sigma_and_tool(given: Path, caps
         assert ended.value.code == 2
 
 
-def test_a_ready_dataset_takes_neither_sigma_nor_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["import", str(tmp_path / "cell"), "--from", "sample_data/hidden_effect_a", "--sigma", "0.1"]) == 2
-    assert "--sigma" in capsys.readouterr().err
+def test_a_ready_dataset_takes_neither_sigma_nor_tool(tmp_path: Path) -> None:
+    assert "--sigma" in refused("import", tmp_path / "cell", "--from", "sample_data/hidden_effect_a", "--sigma", "0.1")

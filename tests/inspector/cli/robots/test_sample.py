@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import tomllib
 from importlib import metadata
@@ -12,6 +11,7 @@ import pytest
 
 from inspector.cli.parser import main
 from inspector.cli.robots import sample_command
+from tests.support.commands import answered, printed, refused
 
 SAMPLE_DATA = Path(__file__).parents[4] / "sample_data"
 SHIPPED = ("hidden_effect_a", "hidden_effect_b", "hidden_effect_c")
@@ -45,9 +45,8 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_a_checkout_lists_all_of_sample_data(capsys: pytest.CaptureFixture[str]):
-    assert main(["sample", "--json"]) == 0
-    told = {sample["name"]: sample["about"] for sample in json.loads(capsys.readouterr().out)["samples"]}
+def test_a_checkout_lists_all_of_sample_data():
+    told = {sample["name"]: sample["about"] for sample in answered("sample")["samples"]}
     folders = {path.parent.name: path for path in SAMPLE_DATA.glob("*/dataset.toml")}
     assert told == {name: tomllib.loads(path.read_text())["description"] for name, path in folders.items()}
 
@@ -58,16 +57,17 @@ def test_a_sample_is_written_as_it_is(name: str, here: Path):
     assert content(here) == {f"{name}/{file}": text for file, text in content(SAMPLE_DATA / name).items()}
 
 
-def test_out_names_another_folder_whose_parents_are_made(here: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["sample", "hidden_effect_a", "--out", "a/new/cell", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"sample": "hidden_effect_a", "dataset": "a/new/cell"}
+def test_out_names_another_folder_whose_parents_are_made(here: Path):
+    assert answered("sample", "hidden_effect_a", "--out", "a/new/cell") == {
+        "sample": "hidden_effect_a",
+        "dataset": "a/new/cell",
+    }
     assert content(here / "a/new/cell") == content(SAMPLE_DATA / "hidden_effect_a")
     assert [path.name for path in (here / "a/new").iterdir()] == ["cell"], "nothing else is left there"
 
 
-def test_an_installation_has_what_its_record_names(installed: Path, here: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["sample"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["hidden_effect_b"]
+def test_an_installation_has_what_its_record_names(installed: Path, here: Path):
+    assert [line.split()[0] for line in printed("sample").splitlines()] == ["hidden_effect_b"]
     (installed / "share/robot-calibration-inspector/sample_data/hidden_effect_b").chmod(0o555)  # as of another user
     assert main(["sample", "hidden_effect_b"]) == 0
     assert content(here / "hidden_effect_b") == content(SAMPLE_DATA / "hidden_effect_b")
@@ -84,22 +84,15 @@ def test_an_installation_has_what_its_record_names(installed: Path, here: Path, 
         (["--out", "x"], "--out: name the sample"),
     ],
 )
-def test_what_cannot_be_done_is_one_line(
-    arguments: list[str], says: str, here: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_what_cannot_be_done_is_one_line(arguments: list[str], says: str, here: Path):
     (here / "full").mkdir()
     (here / "full/file").write_text("mine")
-    assert main(["sample", *arguments]) == 2
-    said = capsys.readouterr()
-    assert said.err.startswith(f"inspector: {says}")
-    assert said.err.count("\n") == 1
+    said = refused("sample", *arguments)
+    assert said.startswith(f"inspector: {says}")
     assert content(here) == {"full/file": b"mine"}
 
 
-def test_an_installation_without_samples_says_what_would_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_an_installation_without_samples_says_what_would_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(sample_command, "_CHECKOUT", tmp_path)
     monkeypatch.setattr(sample_command.metadata, "files", lambda name: None)
-    assert main(["sample"]) == 2
-    assert "inspector simulate" in capsys.readouterr().err
+    assert "inspector simulate" in refused("sample")

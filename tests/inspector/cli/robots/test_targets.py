@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from calib.dataset.files.robot_toml import builtin_robot, robot_to_toml
 from calib.kinematics.robot import Robot
 from inspector.cli.parser import main
+from tests.support.commands import answered, printed, refused
 
 pytestmark = pytest.mark.slow
 
@@ -70,36 +70,27 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_targets_by_name_are_calibrated_and_what_the_tool_row_tells_is_said(
-    cell: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["calibrate", str(cell / "cell"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_targets_by_name_are_calibrated_and_what_the_tool_row_tells_is_said(cell: Path) -> None:
+    found = answered("calibrate", cell / "cell")
     assert found["test"]["rmse_mm"] < 0.08  # noise of 0.03 mm a coordinate
     places = {p["name"]: p["value"] for p in found["parameters"] if p["name"].startswith("elbow.")}
     assert places["elbow.x"] == pytest.approx(-100.1, abs=0.1)
     assert places["elbow.y"] == pytest.approx(50.2, abs=0.1)
     assert {"alphaTCP", "betaTCP"} <= set(found["tool"]["unseen"])
-    assert main(["calibrate", str(cell / "cell")]) == 0
-    assert "sums only: aTCP" in capsys.readouterr().out
+    assert "sums only: aTCP" in printed("calibrate", cell / "cell")
 
 
-def test_nothing_is_missing_where_only_links_are_off(cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["diagnose", str(cell / "cell"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["verdict"] == "adequate"
+def test_nothing_is_missing_where_only_links_are_off(cell: Path) -> None:
+    assert answered("diagnose", cell / "cell")["verdict"] == "adequate"
 
 
-def test_names_that_a_robot_lacks_become_its_targets_and_need_a_table_of_their_own(
-    cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_names_that_a_robot_lacks_become_its_targets_and_need_a_table_of_their_own(cell: Path, tmp_path: Path) -> None:
     tables = ["--joints", str(cell / "joints.csv"), "--points", str(cell / "points.csv")]
-    assert main(["import", str(tmp_path / "new"), "--robot", "rb5", *tables]) == 0
-    said = capsys.readouterr().out
+    said = printed("import", tmp_path / "new", "--robot", "rb5", *tables)
     assert "places of targets by the nominal arm, from which the fit moves them: ball at" in said
     assert "ball" in (tmp_path / "new" / "robot.toml").read_text()
     both = [f"{line},{','.join('0' * 6)}" for line in (cell / "points.csv").read_text().splitlines()[1:]]
     head = "pose,target,x_mm,y_mm,z_mm,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
     (tmp_path / "both.csv").write_text("\n".join([head, *both]))
     robot = ["--robot", str(cell / "robot.toml")]
-    assert main(["import", str(tmp_path / "cell"), *robot, "--joints", str(tmp_path / "both.csv")]) == 2
-    assert "need two tables" in capsys.readouterr().err
+    assert "need two tables" in refused("import", tmp_path / "cell", *robot, "--joints", tmp_path / "both.csv")

@@ -12,6 +12,7 @@ import pytest
 from calib.statistics import rms_length
 from inspector.cli.parser import main
 from tests.support import unknown_ball
+from tests.support.commands import answered, printed
 from tests.support.unknown_ball import Measured
 
 ARMS = {
@@ -41,8 +42,7 @@ def test_the_tip_keeps_its_attitude_and_the_ball_is_a_point_of_its_own(
     out, toml = tmp_path / "out.urdf", tmp_path / "robot.toml"
     template = ["--urdf-out", str(out), "--template", str(folder / "robot.urdf"), "--out", str(toml)]
     capsys.readouterr()
-    assert main(["calibrate", str(folder / "data"), *template, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("calibrate", folder / "data", *template)
 
     ball_mm = np.array(document["tool_found_in_tip_mm"])
     np.testing.assert_allclose(ball_mm, seen.ball_mm, atol=3.0)  # 1 mm and 2 mrad of the arm's own errors
@@ -78,13 +78,11 @@ def test_the_tip_keeps_its_attitude_and_the_ball_is_a_point_of_its_own(
 def test_what_is_told_is_the_arm(cell: tuple[Path, Measured], capsys: pytest.CaptureFixture[str]) -> None:
     folder, seen = cell
     capsys.readouterr()
-    assert main(["diagnose", str(folder / "data"), "--max-steps", "0", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("diagnose", folder / "data", "--max-steps", "0")
     assert document["tool_found_mm"] is not None
     assert document["worse_than_nominal"] is None
     assert document["outside"] == []
-    assert main(["diagnose", str(folder / "data"), "--max-steps", "0"]) == 0
-    words = capsys.readouterr().out
+    words = printed("diagnose", folder / "data", "--max-steps", "0")
     delivered = float(words.split(" mm as delivered")[0].split()[-1])
     assert delivered == pytest.approx(unknown_ball.held_out_mm(seen.nominal, seen), rel=0.15)
     assert "no error of the arm" in words
