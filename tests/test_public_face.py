@@ -6,8 +6,6 @@ import doctest
 import inspect
 import json
 import sys
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +21,6 @@ from calib.options import FitOptions
 ROOT = Path(__file__).parents[1]
 CELL = str(ROOT / "sample_data" / "hidden_effect_a")
 HIDDEN = "transmission_error"
-LONGEST_REPR = 300
-
 FUNCTIONS = [name for name in calib.__all__ if inspect.isfunction(inspect.unwrap(getattr(calib, name)))]
 
 
@@ -181,51 +177,6 @@ def test_a_result_does_everything_with_itself(which: str, request: pytest.Fixtur
 
 
 # ---- representations ------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.thorough
-def test_results_are_one_short_line_and_so_is_all_that_is_in_them(
-    dataset: calib.Dataset, fit: calib.Calibration, found: calib.Diagnosis
-) -> None:
-    scans = calib.load_dataset(ROOT / "sample_data" / "rb5_jang")
-    scan = calib.load_scan(scans.scan_path(0))  # type: ignore[arg-type]
-    results = [
-        dataset, fit, found, found.fitted_model, fit.correct(dataset.poses.q[:2]), scan, calib.find_corner(scan),
-        calib.find_corners(scans.leave_out(scans.poses.ids[1:])), calib.cross_validate(CELL, folds=2),
-        calib.learning_curve(CELL, counts=[20, 40], repeats=1), calib.check(CELL), calib.compare(fit, CELL),
-        calib.redundancy(CELL), calib.plan(fit, 2), calib.screen(fit),
-        calib.repeat([calib.simulate_dataset("rb5", rng=seed, poses=20).dataset for seed in (0, 1)]),
-        calib.simulate_dataset("rb5", rng=0, poses=9), calib.intersect_planes(np.eye(3), [1, 2, 3]),
-    ]  # fmt: skip
-    kinds = {type(result) for result in results}
-    public = {kind for kind in vars(calib).values() if isinstance(kind, type) and is_dataclass(kind)}
-    assert {kind.__name__ for kind in public - kinds} <= {
-        "Candidate", "Corner", "FitOptions", "Family", "Jig", "NoiseShape", "Parameter", "Points", "Poses", "Robot",
-    }  # fmt: skip
-    long: dict[str, str] = {}
-    for result in results:
-        collect_long(result, long, set())
-    assert long == {}
-
-
-def collect_long(value: Any, long: dict[str, str], seen: set[int], depth: int = 0) -> None:
-    """Values of this library, to some depth, whose representation is long or not of one line, by their class."""
-    if id(value) in seen or depth > 6:
-        return
-    seen.add(id(value))
-    if isinstance(value, Mapping):
-        for item in list(value.values())[:3]:
-            collect_long(item, long, seen, depth + 1)
-    elif isinstance(value, tuple | list):
-        for item in value[:3]:
-            collect_long(item, long, seen, depth + 1)
-    if not isinstance(value, type) and type(value).__module__.startswith("calib."):
-        text = repr(value)
-        if len(text) > LONGEST_REPR or "\n" in text:
-            long[type(value).__qualname__] = text[:200]
-        if is_dataclass(value):
-            for one in fields(value):
-                collect_long(getattr(value, one.name), long, seen, depth + 1)
 
 
 def test_a_representation_says_what_the_value_is(fit: calib.Calibration, found: calib.Diagnosis) -> None:

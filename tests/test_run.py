@@ -159,21 +159,6 @@ def test_a_python_that_is_not_there_is_told_not_replaced(sandbox: Sandbox):
 
 
 @pytest.mark.thorough
-def test_docs_are_built_with_what_they_need_and_a_fault_in_them_is_a_failure(sandbox: Sandbox):
-    done, calls = sandbox.run("docs")
-    assert any(call.endswith("--editable .[scans,page,docs]") for call in calls)
-    assert calls[-1] == "-m sphinx -q -W --keep-going -j auto -b html -d build/doctrees docs build/docs"
-    assert done.stdout == f"{sandbox.project}/build/docs/index.html\n"
-    _, calls = sandbox.run("docs", "--links", "-E")
-    assert calls == ["-m sphinx -q -W --keep-going -j auto -b linkcheck -d build/doctrees -E docs build/links"]
-    done, _ = sandbox.run("docs", SPHINX_EXIT="1")
-    assert (done.returncode, done.stdout) == (1, "")
-    assert "faults" in done.stderr
-    _, calls = sandbox.run("check", "x")
-    assert calls == ["-P -m inspector check x"]
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("args", "expected"),
     [
@@ -216,32 +201,6 @@ def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     done, calls = sandbox.run("test", "-k", "two words", RUFF_EXIT="1")
     assert calls == ["-m pytest -n auto --dist loadfile --no-loadscope-reorder -k two words"]
     assert done.returncode == 0
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("args", "on_all_cores"),
-    [
-        (("-m", "not slow"), True),
-        (("tests/corners",), True),
-        (("tests/corners", "tests/dataset", "-x", "--durations=9"), True),
-        (("tests/test_frames.py",), False),
-        (("tests/corners", "tests/test_frames.py::test_skew_is_the_cross_product"), False),
-        (("tests/corners", "-n4"), False),
-        (("tests/corners", "-n", "0"), False),
-        (("tests/corners", "--dist=load"), False),
-        (("tests/corners", "-p", "no:xdist"), False),
-        (("tests/corners", "--pdb"), False),
-        (("tests/corners", "-s"), False),
-        (("--collect-only",), False),
-    ],
-)
-def test_chosen_tests_run_on_all_cores_where_nothing_else_is_said(
-    sandbox: Sandbox, args: tuple[str, ...], on_all_cores: bool
-):
-    _, calls = sandbox.run("test", *args)
-    spread = "-n auto --dist loadfile --no-loadscope-reorder " if on_all_cores else ""
-    assert calls[-1] == f"-m pytest {spread}{' '.join(args)}"
 
 
 @pytest.mark.thorough
@@ -312,33 +271,6 @@ def test_a_python_out_of_range_is_named_with_what_would_do(sandbox: Sandbox):
     done, _ = sandbox.run("check", "x")
     assert done.returncode == 1
     assert "found none" in done.stderr
-
-
-MISSING_EGL = "ImportError: libEGL.so.1: cannot open shared object file: No such file or directory"
-
-
-@pytest.mark.thorough
-def test_without_the_right_to_install_it_prints_the_line_to_type(sandbox: Sandbox):
-    sandbox.program("apt-get", "#!/bin/sh\nexit 9\n")
-    sandbox.program("id", "#!/bin/sh\necho 1000\n")
-    done, calls = sandbox.run("check", "x", OPEN3D_ERROR=MISSING_EGL)
-    assert done.returncode == 1
-    assert "libEGL.so.1" in done.stderr
-    line = done.stderr.splitlines()[-1].strip()
-    assert line.startswith("sudo apt-get update && sudo apt-get install -y --no-install-recommends libegl1 ")
-    assert not line.endswith(" chromium fonts-dejavu-core"), "serving needs no browser on this machine"
-    assert not any("-m inspector" in call for call in calls)
-
-    done, calls = sandbox.run("test", OPEN3D_ERROR=MISSING_EGL, CHROMIUM="no-such-browser")
-    assert done.returncode == 1
-    line = done.stderr.splitlines()[-1].strip()
-    assert " libegl1 " in line, "one line for all that is missing"
-    assert line.endswith(" chromium fonts-dejavu-core")
-    assert not any("-m venv" in call for call in calls), "what pip installed is kept"
-
-    done, _ = sandbox.run("test", CHROMIUM="no-such-browser")
-    assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].strip().endswith("--no-install-recommends chromium fonts-dejavu-core")
 
 
 @pytest.mark.thorough

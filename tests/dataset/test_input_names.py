@@ -50,13 +50,6 @@ def test_names_are_taken_apart_whole() -> None:
     assert meaning_of("approach01") is None
 
 
-def test_a_column_with_the_name_of_another_input_has_one_of_its_own() -> None:
-    assert [column_input(name) for name in ("humidity", "q1", "torque7", "x", "q1-q2")] == [
-        "humidity", "column q1", "column torque7", "column x", "column q1-q2",
-    ]  # fmt: skip
-    assert len({column_input(name) for name in ODD_COLUMNS}) == len(ODD_COLUMNS)
-
-
 def test_every_odd_column_is_kept_and_offered_under_its_name(tmp_path: Path) -> None:
     write_dataset(with_columns(arm(3), *ODD_COLUMNS), tmp_path / "odd")
     dataset = load_dataset(tmp_path / "odd")

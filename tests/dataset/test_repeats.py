@@ -75,14 +75,6 @@ def test_repeats_are_tested_against_their_own_covariances() -> None:
         assert told.warning == (ratio > 1)
 
 
-def test_rows_of_one_pose_are_repeats_too() -> None:
-    dataset = plain()
-    rows = np.repeat(np.arange(6), 3)
-    found = average_repeats(dataset.with_points(dataset.points.select(rows)))
-    np.testing.assert_array_equal(found.points.pose, np.arange(6))
-    np.testing.assert_allclose(found.points.xyz_mm, dataset.points.xyz_mm, atol=1e-10)
-
-
 def test_one_stand_that_was_measured_often_counts_as_the_others() -> None:
     dataset = plain()
     often = dataset.points.select(np.array([0] * 30 + [1, 2, 3, 4, 5]))

@@ -97,12 +97,6 @@ def test_a_calibrated_table_comes_back_to_the_last_digits(seed: int) -> None:
     np.testing.assert_allclose(again.table, robot.table, rtol=1e-14, atol=1e-16)
 
 
-def test_degrees_as_typed_stay_as_typed(tmp_path: Path) -> None:
-    path = tmp_path / "robot.toml"
-    path.write_text(GOOD.replace("alpha_deg = 90.0", "alpha_deg = -90.012"))
-    assert "alpha_deg = -90.012\n" in robot_to_toml(load_robot_toml(path))
-
-
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [

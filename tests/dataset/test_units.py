@@ -151,13 +151,6 @@ def test_a_declared_unit_that_the_numbers_do_not_have_is_doubted(folder: Path) -
     assert "rad; these look like degrees, not radians" in " ".join(load_dataset(folder).warnings)
 
 
-def test_metres_that_are_millimetres_are_doubted(folder: Path) -> None:
-    points = pd.read_csv(folder / "points.csv").drop(columns=[f"{name}_mm2" for name in UPPER])
-    points.rename(columns=lambda name: name.replace("_mm", "_m")).to_csv(folder / "points.csv", index=False)
-    (warning,) = load_dataset(folder).warnings
-    assert "columns are m, these look like millimetres, name them x_mm, y_mm, z_mm" in warning
-
-
 # ---- quaternions ----------------------------------------------------------------------------------------------------
 
 

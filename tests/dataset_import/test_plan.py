@@ -269,19 +269,6 @@ def test_bad_cells_roles_and_half_points_are_listed_each(truth: Dataset, tmp_pat
         assert part in said
 
 
-def test_without_a_robot_the_columns_are_recognised_all_the_same(truth: Dataset, tmp_path: Path) -> None:
-    log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]))
-    plan = plan_import(ImportSources((), log))
-    assert [str(column.meaning) for column in plan.columns] == [
-        *(f"q{k}" for k in range(1, 7)),
-        "x",
-        "y",
-        "z",
-    ]
-    assert len(plan.faults) == 1
-    assert "no robot is chosen" in plan.faults[0]
-
-
 def test_decimal_commas_and_examples_are_shown(truth: Dataset, tmp_path: Path) -> None:
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]), ",")
     plan = plan_import(ImportSources(ASKED, log))

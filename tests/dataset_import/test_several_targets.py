@@ -108,14 +108,6 @@ def test_a_table_with_a_column_a_pose_is_turned(tmp_path: Path, capsys: pytest.C
     assert held_out_mm(dataset) < 0.05
 
 
-def test_means_and_remarks_below_a_table_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = wide(["T1"])
-    mean: list[object] = ["Mittelwert", *np.mean([row[1:] for row in rows[1:]], axis=0).tolist()]
-    dataset = made(tmp_path, "--joints", csv(tmp_path / "t.csv", [*rows, mean, ["Tracker at 21 degrees"]]))
-    assert "remarks and summaries below the poses are left out, lines 34 to 35" in capsys.readouterr().out
-    assert dataset.poses.ids == tuple(IDS)
-
-
 def test_a_log_of_two_arms_tells_what_to_type(tmp_path: Path) -> None:
     head = ["pose", *(f"{arm}_{name}" for arm in ("left", "right") for name in NAMES), "x", "y", "z"]
     rows = [[IDS[i], *Q[-1 - i], *Q[i], *measured("T1")[i]] for i in range(32)]

@@ -83,11 +83,6 @@ def test_clouds_are_scans_and_so_are_many_texts_of_three_numbers(tmp_path: Path)
     assert single.points == tmp_path / "c" / "tracker.txt"
 
 
-def test_a_ready_dataset_is_one(tmp_path: Path) -> None:
-    written(tmp_path, {"cell/dataset.toml": "format = 1\n", "cell/poses.csv": JOINTS, "more.csv": POINTS})
-    assert look_through(tmp_path).datasets == (tmp_path / "cell",)
-
-
 def test_links_and_hidden_files_are_passed_over(tmp_path: Path) -> None:
     written(tmp_path / "in", {"j.csv": JOINTS, ".secret.csv": POINTS})
     written(tmp_path, {"outside.csv": POINTS})

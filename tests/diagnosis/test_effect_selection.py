@@ -7,15 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib import diagnose, screen
+from calib import diagnose
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with, candidate_of, recalled
+from calib.diagnosis.effect_selection import calibrate_with, candidate_of, recalled
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import add_in_turn
-from calib.effects.catalogue import family_of
 from calib.errors import CalibError
-from calib.options import FitOptions
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
@@ -30,17 +28,6 @@ def found(dataset: Dataset) -> Diagnosis:
 
 
 @pytest.mark.slow
-def test_adding_by_name_is_the_step_that_the_diagnosis_took(dataset: Dataset, found: Diagnosis) -> None:
-    plain, with_it = add_in_turn(dataset, [HIDDEN])
-    assert found.missing == (HIDDEN,)
-    np.testing.assert_allclose(plain.calibration.fit.x, found.steps[0].calibration.fit.x, rtol=1e-12)
-    np.testing.assert_allclose(with_it.calibration.fit.x, found.calibration.fit.x, rtol=1e-12)
-    assert (plain.effect, with_it.effect) == (None, HIDDEN)
-    tolerances = with_it.calibration.to_frame().set_index("name")["tolerance"]
-    assert all(tolerances[name] == size for name, size in with_it.selected[0].prior_sigmas.items())
-
-
-@pytest.mark.slow
 def test_names_and_sizes_alone_bring_the_same_fit_back(dataset: Dataset) -> None:
     added = add_in_turn(dataset, [HIDDEN])[-1].selected
     again = recalled(dataset, HIDDEN, dict(added[0].prior_sigmas))
@@ -49,18 +36,6 @@ def test_names_and_sizes_alone_bring_the_same_fit_back(dataset: Dataset) -> None
     assert [(m.joint, m.order) for m in recalled(dataset, HIDDEN, few).members] == [(1, 1), (1, 2), (1, 3)]  # type: ignore[attr-defined]
     first, second = calibrate_with(dataset, added), calibrate_with(dataset, [again])
     assert np.array_equal(first.fit.x, second.fit.x)
-
-
-@pytest.mark.slow
-def test_a_second_effect_is_screened_beside_the_first(dataset: Dataset, found: Diagnosis) -> None:
-    ranked = found.screenings[0].candidates
-    other = next(c for c in reversed(ranked) if c.members and c.name != HIDDEN).name
-    steps = add_in_turn(dataset, [other, HIDDEN, other], FitOptions())
-    assert [step.effect for step in steps] == [None, other, HIDDEN]
-    assert [len(step.selected) for step in steps] == [0, 1, 2]
-    assert steps[-1].calibration.model.family_names == (other, HIDDEN)
-    beside = screen(steps[1].calibration, [family_of(dataset, HIDDEN)]).candidates[0]
-    assert steps[2].selected[1] == SelectedEffect.of(beside)
 
 
 @pytest.mark.parametrize(

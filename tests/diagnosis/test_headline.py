@@ -62,13 +62,6 @@ def test_a_stage_for_the_nominal_robot_the_links_and_each_effect(fits: dict[str,
     assert found.noise == noise_level(fits["both"])
 
 
-def test_what_was_taken_out_again_is_not_told(fits: dict[str, Calibration]) -> None:
-    found = headline_of([fits["links"], fits["sag"], fits["both"], fits["compliance"]])
-    assert [(s.name, s.step) for s in found.stages[1:]] == [(NAMES[1], 0), (NAMES[2], 3)]
-    again = headline_of([fits["links"], fits["compliance"], fits["links"], fits["links"]])
-    assert [(s.name, s.step) for s in again.stages] == [(NAMES[0], None), (NAMES[1], 3)]
-
-
 def test_effects_taken_as_present_are_told_with_the_links(fits: dict[str, Calibration]) -> None:
     found = headline_of([fits["compliance"]])
     assert found.stages[1].name == "with calibrated links and joint_compliance"

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from calib import diagnose
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.causes import visible_mm
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import NaturalBound, Parameter, exceeded_bound
-from calib.rendering import numbers
 from calib.simulation.simulate import simulate_dataset
 from tests.support.fit_cases import rich_dataset
 
@@ -62,16 +59,3 @@ def test_a_value_beyond_nature_carries_a_doubt() -> None:
         assert found.named == ("thermal_growth",)
         assert ("Doubt it: thermal_growth.kappa_per_k is" in found.summary()) == doubted
         assert ("grows most, by 23e-6/K" in found.summary()) == doubted
-
-
-@pytest.mark.slow
-def test_what_an_effect_explains_is_told_in_millimetres_at_the_tool() -> None:
-    found = diagnose(simulated([("joint_compliance", 5.0)]))
-    first, second = found.steps
-    assert second.candidate is not None
-    visible = visible_mm(second.candidate, first.calibration)
-    assert visible is not None
-    before, after = (step.calibration.after.train for step in found.steps)
-    taken_away_mm = np.sqrt(before.rmse_mm**2 - after.rmse_mm**2)
-    assert visible == pytest.approx(taken_away_mm, rel=0.1)
-    assert f"{numbers.length(visible)} RMS at the tool" in found.summary()

@@ -21,13 +21,10 @@ from calib.effects.catalogue.user_file import check_effects, load_effects
 from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
-from calib.planning.discrimination import next_poses
 from calib.screening.candidates import Screening
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
 from calib.simulation.simulate import simulate_dataset
-from calib.workcell.known_cell import workcell_of_dataset
-from calib.workcell.measurable import measurable
 from tests.support.hidden_dataset import with_joint_errors
 from tests.support.sweeps import sweep
 
@@ -306,23 +303,3 @@ def test_structure_of_pure_noise_is_rarely_found() -> None:
         residual_tests = run_residual_tests(dataset, project_residual(calibrate(dataset)), draws=199)
         alarms += bool(residual_tests.structured) or bool(residual_tests.outlier_poses)
     assert alarms <= 2
-
-
-@pytest.mark.thorough
-def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
-    """Bending and joint compliance at half a sigma: measured where advised, the right one is told from the other."""
-    result = next(
-        r
-        for seed in range(10, 40)
-        if (r := diagnose(simulated(["link_bending"], seed=seed, sigmas=1.0))).verdict == "ambiguous"
-    )
-    planned = next_poses(result)
-    poses = planned.poses
-    assert len(poses) == 5
-    assert [p.separation_mm for p in poses] == sorted((p.separation_mm for p in poses), reverse=True)
-    cell = workcell_of_dataset(result.calibration.dataset)
-    assert measurable(cell, planned.discrimination.poses.q).ok.all()
-    words = result.summary()
-    assert "cannot tell which" in words
-    assert "Poses at which they differ most" in words
-    assert next_poses(diagnose(simulated(seed=8))) is None

@@ -7,7 +7,6 @@ import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -67,53 +66,3 @@ def test_every_cell_runs_without_a_warning_and_the_error_falls(shell: Any, tmp_p
     assert left["correction"].reached.all()
     assert left["correction"].position_error_mm.max() < 1e-6
     assert (tmp_path / "model.json").is_file()
-
-
-@pytest.fixture
-def pages(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The extension that makes pages of notebooks."""
-    monkeypatch.syspath_prepend(str(ROOT / "docs" / "extensions"))
-    pytest.importorskip("sphinx")
-    import notebooks
-
-    return notebooks
-
-
-def output(kind: str = "display_data", **given: Any) -> SimpleNamespace:
-    return SimpleNamespace(output_type=kind, **given)
-
-
-@pytest.mark.slow
-def test_a_page_shows_what_the_cells_show(pages: Any) -> None:
-    import plotly.graph_objects as go
-
-    drawn = go.Figure(
-        {"data": [{"type": "bar", "x": ["a<b"], "y": [2.5], "marker": {"color": "#0072B2"}}],
-         "layout": {"title": {"text": "<i>bars"}, "xaxis": {"type": "category"}, "height": 300}}
-    )  # fmt: skip
-    page = pages.page_of(
-        SimpleNamespace(
-            cells=[
-                SimpleNamespace(cell_type="markdown", source="# Title"),
-                SimpleNamespace(
-                    cell_type="code", source="x = 1",
-                    outputs=[
-                        output("stream", name="stdout", text="said\n"),
-                        output(data={"text/html": "", "text/plain": "<HTML object>"}),  # a bar that is done
-                        output(data={"text/html": '<table border="1"><tr><td>7</td></tr></table>'}),
-                        output(data={"application/vnd.plotly.v1+json": json.loads(drawn.to_json())}),
-                        output("execute_result", data={"text/plain": "42"}),
-                    ],
-                ),
-            ]
-        )
-    )  # fmt: skip
-    parts = page.split("\n\n")
-    assert parts[:3] == ["# Title", "```{code-block} python\nx = 1\n```", "```text\nsaid\n```"]
-    assert page.count("{raw} html") == 2
-    assert "<td>7</td>" in page
-    assert "border=" not in page
-    assert "<svg" in page
-    assert "<i>" not in page
-    assert "<script" not in page
-    assert page.endswith("```text\n42\n```\n")

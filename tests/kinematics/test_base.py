@@ -17,7 +17,6 @@ from calib.frames import rotation_from_rpy, rpy_from_rotation
 from calib.kinematics.chain import forward, nominal_chain, point_jacobian
 from calib.kinematics.robot import FixedFrame, Robot
 from calib.simulation.simulate import simulate_dataset
-from calib.simulation.truth.mechanism import Arm
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
 
 BASE = FixedFrame((120.0, -40.0, 700.0), (0.3, -0.7, 2.1))
@@ -47,17 +46,6 @@ def test_roll_pitch_yaw_turn_about_fixed_axes_and_come_back(pitch: float) -> Non
         rotation = rotation_from_rpy([roll, pitch, yaw])
         assert rotation == pytest.approx(Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix(), abs=1e-15)
         assert rotation_from_rpy(rpy_from_rotation(rotation)) == pytest.approx(rotation, abs=1e-15)
-
-
-def test_every_frame_starts_from_the_base() -> None:
-    robot, plain = on_base(), builtin_robot("rb5")
-    q = np.random.default_rng(0).uniform(-2, 2, (5, robot.n_joints))
-    frames = nominal_chain(robot, q).base_T_frame
-    without = forward(plain.table, q, plain.is_revolute).base_T_frame
-    assert frames == pytest.approx(BASE.transform @ without, abs=1e-10)
-    assert nominal_chain(plain, q).base_T_frame.tolist() == without.tolist()
-    truth = Arm.commanded_to(robot, q).base_T_frame
-    assert np.stack(truth, axis=1) == pytest.approx(frames, abs=1e-10)
 
 
 def test_the_jacobian_is_that_of_the_moved_arm() -> None:

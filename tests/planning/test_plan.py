@@ -12,7 +12,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.planning.criterion import ForCalibration
 from calib.planning.effect_criterion import ForEffects
-from calib.planning.outcome import EffectOutcome, ParameterReason
+from calib.planning.outcome import EffectOutcome
 from calib.planning.plan import Plan, criterion_of, plan_poses
 from calib.planning.prediction import enough_poses
 from calib.planning.start import FromFit, FromRobot
@@ -56,21 +56,6 @@ def plan(start: FromFit) -> Plan:
 @pytest.fixture(scope="module")
 def first_set() -> Plan:
     return plan_poses(FromRobot(workcell_of_robot(RB5, base_T_scanner=SCANNER)), 20, candidates=200)
-
-
-def test_the_next_poses_of_a_dataset(start: FromFit, plan: Plan) -> None:
-    assert plan.poses.ids == ("p41", "p42", "p43", "p44", "p45")
-    assert set(plan.poses.role) == {"train"}
-    assert plan.region == "the 15 test poses"
-    assert plan.then.geometry_mm < plan.now.geometry_mm
-    assert plan.now.low_mm < plan.now.geometry_mm < plan.now.high_mm
-    assert plan.then.with_noise_mm == pytest.approx(
-        np.hypot(plan.then.geometry_mm, np.sqrt(3.0) * start.calibration.sigma_mm), rel=1e-6
-    )
-    assert all(isinstance(reason, ParameterReason) for reason in plan.reasons)
-    assert sorted(plan.ranks) == [1, 2, 3, 4, 5]
-    assert plan.power is None
-    assert not any("missing" in note for note in assumptions(plan))
 
 
 @pytest.mark.slow

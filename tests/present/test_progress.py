@@ -73,17 +73,6 @@ def test_a_cell_names_the_stage_of_a_diagnosis(cell: Cell) -> None:
     assert cell.shown[-1] == ""
 
 
-def test_a_cell_is_left_clean_where_the_work_fails(cell: Cell) -> None:
-    def fails(done: int, total: int, name: str) -> None:
-        raise KeyboardInterrupt
-
-    dataset = calib.load_dataset(SAMPLES / "hidden_effect_a")
-    with pytest.raises(KeyboardInterrupt):
-        cross_validate(dataset, folds=2, progress=True, on_progress=fails)
-    assert "1 of 2" in cell.shown[-2]
-    assert cell.shown[-1] == ""
-
-
 def test_names_beside_a_bar_are_escaped_and_cut(cell: Cell) -> None:
     with progress.counted("<i>", "scan") as tell:
         assert tell is not None

@@ -18,9 +18,6 @@ from calib.kinematics.chain import forward
 from calib.kinematics.joint_range import random_poses
 from calib.scans.scan import load_scan
 from calib.simulation.measured_dataset import write_simulation
-from calib.simulation.pose_design import (
-    spread_poses,
-)
 from calib.simulation.simulate import PAYLOADS_KG, simulate_dataset
 from calib.simulation.truth.arm_sampling import (
     OUTSIDE_EFFECTS,
@@ -84,19 +81,6 @@ def test_scan_poses_show_three_faces_inside_the_field(arm: str) -> None:
     role = simulation.dataset.poses.role
     assert [int(np.sum(role == r)) for r in ("reference", "train", "test")] == [1, 50, 13]
     assert role[0] == "reference"
-
-
-def test_poses_spread_farther_than_the_first_ones() -> None:
-    q = random_poses(builtin_robot("rb5"), 200, rng=np.random.default_rng(8))
-
-    def closest(rows: NDArray) -> float:
-        circles = np.concatenate([np.cos(rows), np.sin(rows)], axis=1)
-        gaps = np.linalg.norm(circles[:, None] - circles[None], axis=2)
-        return float(gaps[~np.eye(len(rows), dtype=bool)].min())
-
-    chosen = spread_poses(q, 30)
-    assert len(set(chosen)) == 30
-    assert closest(q[chosen]) > 1.5 * closest(q[:30])
 
 
 def test_noise_and_repeats_are_as_asked() -> None:

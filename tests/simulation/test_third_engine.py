@@ -11,7 +11,6 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from calib.dataset.files.folder import load_dataset
@@ -202,53 +201,3 @@ def benchmark() -> Iterator[ModuleType]:
 
     yield third_engine
     sys.path.remove(str(ROOT / "benchmarks"))
-
-
-NOTHING = {
-    "truth": (),
-    "outside": (),
-    "every": (),
-    "noise_like": (),
-    "sister": "",
-    "undecidable": False,
-    "missing": (),
-    "suspected": (),
-    "open": (),
-    "noise_shaped": False,
-    "data_problem": False,
-    "verdict": "adequate",
-}
-STEP = {"truth": (("joint_step",),), "outside": (False,), "every": (False,), "noise_like": (False,)}
-UNKNOWN = {"truth": ((),), "outside": (True,), "every": (False,), "noise_like": (False,)}
-
-
-@pytest.mark.parametrize(
-    ("row", "exact", "wrong", "calm"),
-    [
-        ({}, True, False, False),
-        ({"verdict": "named", "missing": ("backlash",)}, False, True, True),
-        ({"verdict": "unexplained"}, False, False, False),
-        (STEP | {"verdict": "named", "missing": ("joint_step",)}, True, False, False),
-        (STEP | {"verdict": "named", "missing": ("joint_step", "backlash")}, False, True, True),
-        (STEP, False, False, True),
-        (STEP | {"verdict": "unexplained"}, False, False, False),
-        (STEP | {"verdict": "ambiguous", "open": ("joint_step", "joint_dent")}, False, False, False),
-        (
-            STEP | {"verdict": "ambiguous", "open": ("joint_step", "joint_dent"), "undecidable": True},
-            True,
-            False,
-            False,
-        ),
-        (STEP | {"verdict": "outliers"}, False, False, True),
-        (UNKNOWN | {"verdict": "unexplained"}, True, False, False),
-        (UNKNOWN | {"verdict": "outliers"}, False, False, True),
-        (UNKNOWN | {"verdict": "unexplained", "missing": ("backlash",)}, False, True, False),
-        (UNKNOWN | {"noise_like": (True,), "noise_shaped": True}, True, False, False),
-        ({"sister": "link", "data_problem": True, "verdict": "unexplained"}, True, False, False),
-    ],
-)
-def test_what_counts_as_right(
-    benchmark: ModuleType, row: dict[str, object], exact: bool, wrong: bool, calm: bool
-) -> None:
-    found = benchmark.judged(pd.Series(NOTHING | row))
-    assert (found["exact"], found["wrong_claim"], found["calm_wrong"]) == (exact, wrong, calm)

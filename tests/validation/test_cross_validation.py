@@ -18,7 +18,7 @@ from calib.errors import FitError
 from calib.options import FitOptions
 from calib.present.fit.calibration import sigma_sentence
 from calib.validation.learning_curve import LearningCurve, LearningStep
-from calib.validation.splits import deal_folds, growing_order, split_dataset, training_groups
+from calib.validation.splits import deal_folds, growing_order, training_groups
 from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform
 from tests.support.commands import answered, printed, refused
 
@@ -84,18 +84,6 @@ def test_folds_hold_out_each_place_once_and_leave_every_setup_its_frame(
     assert sorted(order.tolist()) == list(range(n))
     start = groups.setup[order[: 3 * len(sizes)]]
     assert all(np.sum(start == f"s{k}") >= min(size, 3) for k, size in enumerate(sizes))
-
-
-def test_a_split_keeps_points_with_their_poses_and_one_reference() -> None:
-    dataset = simulated(test=4)
-    for train, held in (([5, 9, 2], [0, 7]), ([0, 3], [])):
-        split, rows = split_dataset(dataset, np.array(train), np.array(held, dtype=np.int64))
-        assert [split.poses.ids[i] for i in range(len(rows))] == [dataset.poses.ids[i] for i in rows]
-        for row, pose in enumerate(split.points.pose):
-            np.testing.assert_array_equal(split.points.xyz_mm[row], dataset.points.xyz_mm[rows[pose]])
-        assert list(split.poses.is_test) == [int(i) in held for i in rows]
-        assert np.sum(split.poses.role == "reference") == 1
-    assert split.poses.ids[split.poses.reference] == dataset.poses.ids[0]
 
 
 @pytest.mark.slow

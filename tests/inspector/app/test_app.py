@@ -24,7 +24,7 @@ from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
 from inspector.session import measuring
 from inspector.session.session import Session
 from tests.support.app import IDLE_S, idle_app, plain, shows
-from tests.support.tiny_dataset import BROKEN, POSES, write_tiny
+from tests.support.tiny_dataset import POSES, write_tiny
 from tests.support.wire_client import WireClient
 
 SEARCH_S = 0.12  # a scan's, beyond what it takes: a page draws some thirty times a second
@@ -132,39 +132,12 @@ def test_the_search_can_be_stopped_and_goes_on_where_it_was(folder: Path) -> Non
 # ---- one selection everywhere ---------------------------------------------------------------------------------------
 
 
-def test_keys_and_the_list_select_too_and_late_pages_see_the_same(app: App, page: WireClient) -> None:
-    ids = session(app).dataset.poses.ids
-    page.trigger("Next pose")
-    shows(page, f"2 of {POSES}")
-    page.set("Pose", page.props("Pose")["options"][9])
-    shows(page, f"10 of {POSES}", f"Pose {ids[9]}")
-    page.trigger("Previous pose")
-    shows(page, f"9 of {POSES}")
-    assert app.worker.wait_idle(IDLE_S)
-    with WireClient(app.server.get_port()) as late:
-        assert late.value("Pose").startswith(f"{ids[8]} ")
-        assert f"9 of {POSES}" in plain(late)
-        assert f"{ROOT}/faces/points" in late.scene
-
-
 def test_fifty_quick_presses_end_at_the_last_pose_and_stay_there(app: App, page: WireClient) -> None:
     for _ in range(50):
         page.trigger("Next pose")
     shows(page, f"{POSES} of {POSES}")
     page.trigger("Previous pose")
     shows(page, f"{POSES - 1} of {POSES}")
-
-
-def test_a_click_on_a_corner_selects_its_pose(app: App, page: WireClient) -> None:
-    poses = [i for i in range(POSES) if i != BROKEN]
-    dots = page.scene[f"{ROOT}/corners/dots"]
-    assert np.asarray(dots["props"]["batched_positions"]).size == 3 * len(poses)
-    click = {"type": "SceneNodeClickMessage", "name": f"{ROOT}/corners/dots", "ray_origin": [0, 0, 0]}
-    click |= {"ray_direction": [0, 0, 1], "screen_pos": [0.5, 0.5], "modifier": None, "owner": dots["owner"]}
-    for no_corner in (10**9, -1, None):
-        page.send(**click, instance_index=no_corner)
-    page.send(**click, instance_index=6)
-    shows(page, f"{poses[6] + 1} of {POSES}")
 
 
 # ---- the scene ------------------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PIL import Image
 
 from inspector.app.app import App
 from inspector.server.viser_server import url_of
@@ -142,27 +141,3 @@ def test_the_wheel_scrolls_the_panel_and_zooms_with_ctrl(page: Any) -> None:
     page.keyboard.up("Control")
     until(page, lambda: y_range(plot)[1] - y_range(plot)[0] < before[1] - before[0])
     back_until(page, plot, lambda: y_range(plot) == pytest.approx(before))
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_figure_is_saved_with_dark_ink_on_white(page: Any, tmp_path: Path, scheme: str) -> None:
-    page.emulate_media(color_scheme=scheme)
-    plot = residual_plot(page)
-    plot.hover()
-    saved = {}
-    for kind in ("PNG", "SVG"):
-        with page.expect_download(timeout=60_000) as download:
-            page.get_by_role("button", name=kind, exact=True).locator("visible=true").first.click()
-        saved[kind] = tmp_path / download.value.suggested_filename
-        download.value.save_as(saved[kind])
-    assert {path.name for path in saved.values()} == {
-        "hidden_where_it_fails.png",
-        "hidden_where_it_fails.svg",
-    }
-    with Image.open(saved["PNG"]) as image:
-        assert image.width > 1000
-        assert image.convert("RGB").getpixel((2, 2)) == (255, 255, 255)
-    svg = saved["SVG"].read_text()
-    assert " mm" in svg or "millidegrees" in svg  # by what the residual is shown as: a distance, a joint's motion
-    assert "rgb(232, 234, 237)" not in svg
-    assert "rgb(36, 41, 47)" in svg

@@ -65,13 +65,6 @@ def test_a_view_that_is_kept_follows_no_tab(app: App) -> None:
         assert after(app, "Review/Measure/Planes") == "Planes"
 
 
-def test_points_without_scans_have_no_scan_to_follow_to(app: App) -> None:
-    app.open("points")
-    assert app.worker.wait_idle(IDLE_S)
-    assert after(app, "Review/Measure/Scans") == "Arm"
-    assert after(app, "Review/Measure/Corner") == "Corner"
-
-
 def eye(app: App) -> tuple[Array, Array]:
     """Where the camera stands, seen from what it looks at, in the base's frame; and what is up there."""
     version = app.state.now.version

@@ -22,7 +22,7 @@ from calib.robot_formats.urdf.text import plain_urdf
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.panels.your_data import CANCEL, OPEN, OWN_DATA
+from inspector.panels.your_data import OPEN, OWN_DATA
 from inspector.server.uploads import PART_BYTES
 from inspector.server.viser_server import url_of
 from inspector.session.session_file import session_text
@@ -125,22 +125,6 @@ def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
         WireClient(again.server.get_port()) as page,
     ):
         assert set(page.props("Dataset")["options"]) == {"hidden", "cell 7"}
-
-
-@pytest.mark.thorough
-def test_files_come_one_by_one_and_faults_go_as_they_are_mended(app: App, given: dict[str, bytes]) -> None:
-    broken = given["achsen.csv"].replace(b"3;", b"3;n/a;", 1).replace(b"A6", b"", 1)
-    with WireClient(app.server.get_port()) as page:
-        send(page, "achsen.csv", broken)
-        shows(page, "no robot is chosen", "faults")
-        send(page, "arm.urdf", given["arm.urdf"])
-        page.wait(lambda p: p.value("Robot") == "arm.urdf")
-        assert not open_button(page)
-        send(page, "tracker.csv", given["tracker.csv"])
-        send(page, "achsen.csv", given["achsen.csv"])
-        page.wait(open_button)
-        page.click(CANCEL)
-        page.wait(lambda p: not p.has(OPEN))
 
 
 @pytest.mark.thorough

@@ -263,24 +263,6 @@ def test_corners_has_the_promised_keys_and_finds_the_truth(scans_folder: Path, o
 
 
 @pytest.mark.slow
-@pytest.mark.thorough
-def test_a_scan_without_three_planes_is_told_and_the_others_are_used(own_scans: Path) -> None:
-    scans = sorted((own_scans / "scans").iterdir())
-    flat = np.c_[np.random.default_rng(0).uniform(-50, 50, (4000, 2)), np.full(4000, 700.0)]
-    columns = "".join(f"property float {axis}\n" for axis in "xyz")
-    header = f"ply\nformat ascii 1.0\nelement vertex 4000\n{columns}end_header\n"
-    body = "\n".join(" ".join(f"{v:.4f}" for v in row) for row in flat)
-    scans[1].write_text(header + body + "\n")
-    document = answered("corners", own_scans)
-    assert [f["pose"] for f in document["failed"]] == [scans[1].stem]
-    assert "3" in document["failed"][0]["reason"]
-    assert len(document["corners"]) == 3
-    for scan in scans:
-        scan.write_text(header + body + "\n")
-    assert "4 of 4: " in refused("corners", own_scans)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "says"),
     [(b"", "empty"), (b"\x00\xff junk that is no scan at all", "PLY"), (None, "promises")],
@@ -556,27 +538,6 @@ def test_effects_lists_the_catalogue() -> None:
         assert effect["needs"]
         assert all(p["unit"] for p in effect["parameters"])
     assert "transmission_error: theta_j += A sin(n q_j)" in printed("effects")
-
-
-@pytest.mark.thorough
-def test_an_effects_file_is_used_and_a_bad_one_is_one_line(hidden_folder: Path, tmp_path: Path) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(
-        "from calib.effects.base import Parameter\n\n\n"
-        "print('read')\n\n\n"  # with --json it must not mix with the object
-        "class Fan:\n"
-        '    parameters = (Parameter("x_mm", unit="mm", scale=0.1),)\n\n'
-        "    def apply(self, state, *, x_mm):\n"
-        "        print('applied')\n"
-        "        return state.displace((x_mm * state.q_rad[:, :1] * [1.0, 0.0, 0.0]))\n"
-    )
-    document = answered("diagnose", hidden_folder, "--effects-file", path)
-    assert "fan" in {c["effect"] for c in document["candidates"]}
-    assert document["missing"] == ["transmission_error"]
-    path.write_text("def broken(:\n")
-    line = refused("diagnose", hidden_folder, "--effects-file", path)
-    assert "line 1" in line
-    assert str(path) in line
 
 
 def test_help_loads_nothing_that_it_does_not_show() -> None:

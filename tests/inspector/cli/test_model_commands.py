@@ -12,7 +12,6 @@ import pytest
 
 import calib
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.rendering.numbers import parameter_label
 from inspector.cli.parser import main
 from tests.support.checked_cell import measured_twice
 from tests.support.commands import answered, printed, refused
@@ -125,24 +124,3 @@ def test_compare_names_the_one_change_between_two_measurements(tmp_path: Path) -
     assert document["changes"][0]["size"] == pytest.approx(np.radians(0.03), abs=np.radians(0.006))
     assert document["errors"][1]["after"]["test"]["rmse_mm"] < document["errors"][1]["before"]["test"]["rmse_mm"]
     assert "nowhere" in refused("compare", folders[0], tmp_path / "nowhere")
-
-
-@pytest.mark.slow
-def test_a_printed_table_shows_no_rounding_error_for_what_stayed(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    capsys.readouterr()
-    rows = [line.split() for line in printed("calibrate", folder).splitlines() if line.split()[-1:] in (["mm"], ["°"])]
-    told = {row[0]: row for row in rows if row[1] != "+"}  # without the sums
-    exact = {p["name"]: p for p in answered("calibrate", folder)["parameters"]}
-    label = {name: parameter_label(name) for name in exact}
-    assert set(told) == set(label.values())
-    stayed = {name for name, p in exact.items() if abs(p["value"] - p["nominal"]) < 1e-6 * p["sigma"]}
-    assert "d1" in stayed  # along the first axis: the scanner's unknown place takes it
-    known = {name for name, p in exact.items() if p["known"]}
-    assert all(told[label[name]][3] == "+0.0000" for name in stayed & known)
-    assert all(told[label[name]][1] == told[label[name]][2] for name in stayed & known)
-    for name in exact:  # a parameter that these data do not determine has no value
-        assert (told[label[name]][2:4] == ["not", "determined"]) == (name not in known)
-    assert "a2" in known
-    assert "d1" not in known

@@ -90,26 +90,6 @@ def test_residuals_have_a_row_a_pose_and_give_the_figures_of_the_fit(dataset: Da
         assert table["error_mm"][rows].max() == pytest.approx(of.max_mm, rel=1e-9)
 
 
-def test_residuals_carry_every_input_by_a_name_with_its_unit(folder: Path, fitted: Calibration) -> None:
-    table = residual_table(fitted)
-    given = pd.read_csv(folder / "poses.csv")
-    for name in [
-        *(f"q{j}_deg" for j in range(1, 7)),
-        "payload_kg",
-        "temperature_c",
-        "time_s",
-        "approach3",
-        "batch",
-    ]:
-        if table[name].dtype.kind == "f":
-            np.testing.assert_allclose(table[name], given[name], atol=1e-9)
-        else:
-            # In the file a text that a spreadsheet would take for a formula stands behind an apostrophe.
-            assert table[name].tolist() == [cell.removeprefix("'") for cell in given[name]]
-    assert table["input_error_mm"].tolist() == given["error_mm"].tolist()  # the name was taken
-    assert any(name.startswith("torque") and name.endswith("_nm") for name in table)
-
-
 def test_repeats_of_a_pose_are_one_row(dataset: Dataset, fitted: Calibration) -> None:
     twice = np.repeat(np.arange(len(dataset.points)), 2)
     points = dataset.points.select(twice)

@@ -27,9 +27,6 @@ from inspector.figures.residual_plots import (
     select,
 )
 from inspector.figures.style import shortened
-from inspector.markup.parts.palette import (
-    ROLE_COLOURS,
-)
 
 NAMES = ("a1", "alpha2", "theta3", "d6", "aTCP")
 
@@ -50,20 +47,6 @@ def test_parameter_label(name: str, label: str) -> None:
     assert parameter_label(name) == label
 
 
-def test_heatmap_shows_every_value_and_marks_what_has_no_influence() -> None:
-    r = _pearson()
-    fig = correlation_heatmap(NAMES, r)
-    missing, values = fig.data
-    np.testing.assert_array_equal(np.asarray(values.z, float), r)
-    assert (values.zmin, values.zmax) == (-1, 1)
-    assert list(values.x) == list(values.y) == ["a1", "α2", "θ3", "d6", "aTCP"]
-    # exactly the NaN cells are covered by the grey trace, each named with the parameter that does nothing
-    np.testing.assert_array_equal(np.isnan(np.asarray(missing.z, float)), ~np.isnan(r))
-    assert "no influence" in missing.hovertemplate
-    assert missing.customdata[0][3] == "d6"
-    assert missing.customdata[3][3] == "d6"
-
-
 def test_heatmap_reads_from_the_top_left() -> None:
     assert correlation_heatmap(NAMES, np.eye(5)).layout.yaxis.autorange == "reversed"
 
@@ -72,17 +55,6 @@ def test_convergence_without_test_poses_and_with_an_exact_zero() -> None:
     fig = convergence([1.0, 0.0], None)
     assert len(fig.data) == 1
     assert np.isnan(fig.data[0].y[1])
-
-
-def test_pose_residuals_colour_by_role_and_outline_the_selected_pose() -> None:
-    fig = pose_residuals(["p1", "p2", "p3"], ["reference", "train", "test"], [0.0, 0.1, 0.4], selected="p2")
-    by_name = {trace.name: trace for trace in fig.data}
-    assert by_name["test"].marker.color == ROLE_COLOURS["test"]
-    assert list(by_name["test"].y) == [0.4]
-    assert list(by_name["training"].marker.line.width) == [2]
-    assert list(by_name["test"].marker.line.width) == [0]
-    assert list(fig.layout.xaxis.categoryarray) == ["p1", "p2", "p3"]
-    assert "mm" in fig.layout.yaxis.title.text
 
 
 def test_a_hostile_pose_name_stays_text() -> None:

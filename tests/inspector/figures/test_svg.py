@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inspector.figures.plots import error_history, pose_residuals
+from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import places_by_role, residual_against
 from inspector.figures.svg.axis import axis_of
 from inspector.figures.svg.figure import svg_of
@@ -92,25 +92,6 @@ def test_words_of_plotly_become_plain_words() -> None:
     told = hover("at %{x:.2f} %{customdata}<extra>no</extra>", {"x": 1.234, "customdata": "<p>"})
     assert re.fullmatch(r"<title>at 1\.23 .*</title>", told)
     assert hover(None, {}) == ""
-
-
-def test_what_lies_beyond_an_axis_is_told_at_its_edge_and_stays_inside() -> None:
-    values = np.r_[np.linspace(0.05, 0.15, 40), 9.0]
-    ids = [f"p{k}" for k in range(41)]
-    for figure in (
-        pose_residuals(ids, ["train"] * 41, values),
-        residual_against(
-            np.arange(41.0), values, ids, [False] * 41, x_title="q1", y_title="error, mm", band=(0.0, 0.1)
-        ),
-    ):
-        drawn = parsed(svg_of(figure, WIDTH, HEIGHT, name="f", title="t"))
-        assert any((text.text or "").startswith("1 beyond, up to 9") for text in drawn.iter("text"))
-        (edge,) = [p for p in drawn.iter("path") if "beyond this axis" in (p.findtext("title") or "")]
-        assert edge.findtext("title") == "pose p40\n9 mm, beyond this axis"
-        assert (edge.get("d") or "").endswith("h-11z")
-        clipped = [g for g in drawn.iter("g") if g.get("clip-path")]
-        tall = [r for r in drawn.iter("rect") if float(r.get("height") or 0) > HEIGHT]
-        assert all(any(r in list(g.iter()) for g in clipped) for r in tall)
 
 
 def test_two_views_have_one_scale_and_numbers_below_the_lower_one() -> None:

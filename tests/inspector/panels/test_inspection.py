@@ -16,9 +16,9 @@ from calib.scans.scan import Scan, load_scan, write_scan
 from inspector.app.app import App
 from inspector.markup.legend import EMPTY, legend_html
 from inspector.markup.measure.corner import corner_html
-from inspector.markup.measure.planes import NOT_SEARCHED, passes_note, planes_html
+from inspector.markup.measure.planes import NOT_SEARCHED, planes_html
 from inspector.markup.model.comparison import exaggeration
-from inspector.panels.measure.scans import corner_state, pose_table
+from inspector.panels.measure.scans import corner_state
 from inspector.report.content import report_of
 from inspector.report.report import report_html
 from inspector.session.view import VIEW_LAYERS, VIEWS, View
@@ -89,14 +89,6 @@ def test_doubts_are_told_in_the_list_beside_the_pose_and_in_the_progress(app: Ap
     shows(page, f"found, {len(doubts)} doubt", doubts[0])
 
 
-def test_more_than_one_look_is_told(app: App) -> None:
-    found, failed = search(app, 0), search(app, BROKEN)
-    assert failed.search_passes == 3
-    assert "looked at 3 times" in planes_html(view(app, BROKEN))
-    assert passes_note(replace(found, search_passes=2)) == ""
-    assert "at look 3 only" in passes_note(replace(found, search_passes=3))
-
-
 @pytest.mark.parametrize("look", VIEWS)
 def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: WireClient, look: str) -> None:
     said = {
@@ -135,15 +127,6 @@ def test_the_legend_leaves_out_what_is_not_there(app: App) -> None:
 def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -> None:
     corner = search(app, 0).corner
     shows(page, f"{corner.quality.margin_mm:.2f} mm", f"{corner.quality.amplification:.1f} times less certain")
-
-
-def test_the_list_of_points_without_scans_has_no_columns_of_faces(app: App) -> None:
-    now = view(app)
-    alone = replace(now.session.dataset, scan_folder=None)
-    told = pose_table(replace(now, session=replace(now.session, dataset=alone, searches={})))
-    assert "worst rms" not in told
-    assert "sigma" in told
-    assert "worst rms" in pose_table(now)
 
 
 def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doubts(app: App) -> None:

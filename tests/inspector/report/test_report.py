@@ -155,17 +155,6 @@ def test_no_path_of_this_machine_is_told(written: Path, folder: Path) -> None:
     assert folder.name not in page
 
 
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_later_pages_have_the_figures_of_the_first(tmp_path: Path) -> None:
-    out = tmp_path / "report.html"
-    assert main(["report", str(ROOT / "sample_data" / "ur10_ipa"), "--out", str(out)]) == 0
-    words = plain(out.read_text())
-    delivered = re.search(r"as delivered ([\d.]+) ([\d.]+) –", words)
-    assert f"training 3D RMSE {delivered[1]} " in words  # a tool point that is found is refined by each fit
-    assert f"test 3D RMSE {delivered[2]} " in words
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rb5_repeats", "hidden_effect_b"])
 @pytest.mark.thorough

@@ -15,8 +15,6 @@ from inspector.scene.shapes import (
     facing,
     jig_edges,
     thin,
-    unit_cylinder,
-    unit_sphere,
 )
 
 
@@ -72,27 +70,6 @@ def test_jig_edges_are_where_faces_meet_and_point_along_the_jig() -> None:
     np.testing.assert_allclose(lines[:, 0], np.tile(apex, (3, 1)))
     ends = lines[[1, 2, 0], 1] - apex  # edge i leaves face i; the lines are those of faces 1-2, 2-3, 3-1
     np.testing.assert_allclose(ends, edges * [[60.0], [70.0], [80.0]], atol=1e-9)
-
-
-def test_unit_sphere_is_one_and_looks_outward() -> None:
-    vertices, faces = unit_sphere()
-    np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1)
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    outward = np.sum(np.cross(b - a, c - a) * (a + b + c), axis=1)
-    assert (outward >= -1e-12).all()
-    assert (outward > 1e-6).sum() > 0.9 * len(faces) - 40  # those at the poles have no area
-
-
-def test_unit_cylinder_is_closed_and_looks_outward() -> None:
-    vertices, faces = unit_cylinder()
-    np.testing.assert_allclose(np.linalg.norm(vertices[:, :2], axis=1), 1)
-    np.testing.assert_allclose(np.abs(vertices[:, 2]), 0.5)
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    across = np.cross(b - a, c - a)
-    assert (np.sum(across * (a + b + c), axis=1) > 1e-9).all()
-    np.testing.assert_allclose(across.sum(axis=0), 0, atol=1e-9)  # a closed surface
-    volume = np.sum(np.cross(a, b) * c) / 6
-    assert 0.97 * np.pi < volume < np.pi
 
 
 def test_metres_are_made_in_one_place_and_keep_a_tenth_of_a_micrometre() -> None:

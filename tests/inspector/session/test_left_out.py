@@ -171,16 +171,6 @@ def test_a_reopened_session_goes_back_and_forward(
     assert np.array_equal(x(forward), x(added))
 
 
-def test_steps_that_are_fitted_already_are_not_fitted_again(
-    without: Session, fitted: Session, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "s.json"
-    path.write_text(session_text(without, beside=tmp_path, past=[fitted]), encoding="utf-8")
-    now, undo = opened(path, folder), Undo.of(load_session(path))
-    monkeypatch.setattr("inspector.session.reopening.calibrate_with", None)
-    assert np.array_equal(x(undo.move(now, -1)), x(fitted))
-
-
 def test_a_file_without_undo_goes_back_step_by_step(without: Session, folder: Path, tmp_path: Path) -> None:
     save_session(tmp_path / "s.json", without)
     now, undo = opened(tmp_path / "s.json", folder), Undo.of(load_session(tmp_path / "s.json"))

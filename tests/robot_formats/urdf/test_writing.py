@@ -106,16 +106,6 @@ def test_a_tip_that_no_fixed_joint_holds_is_told(tmp_path: Path) -> None:
     assert "no fixed joint holds link b" in out.summary
 
 
-def test_a_plain_urdf_of_any_robot_reads_as_the_same_robot(tmp_path: Path) -> None:
-    path = tmp_path / "plain.urdf"
-    for robot in (builtin_robot("rb5"), builtin_robot("panda")):
-        found = read_back(path, plain_urdf(chain_of(robot)))
-        assert np.abs(tips(found) - tips(robot))[:, :3, 3].max() < 1e-9
-        masses = [j.mass_kg or 0.0 for j in robot.joints]
-        masses[-1] += robot.tool.mass_kg or 0.0
-        assert [j.mass_kg for j in found.joints] == pytest.approx(masses)
-
-
 @pytest.mark.slow
 def test_any_chain_goes_through_a_plain_urdf(tmp_path: Path) -> None:
     for chain, q in chains(60, seed=8):

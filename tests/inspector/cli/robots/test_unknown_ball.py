@@ -12,7 +12,7 @@ import pytest
 from calib.statistics import rms_length
 from inspector.cli.parser import main
 from tests.support import unknown_ball
-from tests.support.commands import answered, printed
+from tests.support.commands import answered
 from tests.support.unknown_ball import Measured
 
 ARMS = {
@@ -72,20 +72,6 @@ def test_the_tip_keeps_its_attitude_and_the_ball_is_a_point_of_its_own(
     )
     assert '<link name="tool_point"/>' in out.read_text()
     assert '<link name="tool_point"/>' in anew.read_text()
-
-
-@pytest.mark.slow
-def test_what_is_told_is_the_arm(cell: tuple[Path, Measured], capsys: pytest.CaptureFixture[str]) -> None:
-    folder, seen = cell
-    capsys.readouterr()
-    document = answered("diagnose", folder / "data", "--max-steps", "0")
-    assert document["tool_found_mm"] is not None
-    assert document["worse_than_nominal"] is None
-    assert document["outside"] == []
-    words = printed("diagnose", folder / "data", "--max-steps", "0")
-    delivered = float(words.split(" mm as delivered")[0].split()[-1])
-    assert delivered == pytest.approx(unknown_ball.held_out_mm(seen.nominal, seen), rel=0.15)
-    assert "no error of the arm" in words
 
 
 @pytest.mark.slow
