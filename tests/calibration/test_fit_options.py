@@ -87,7 +87,6 @@ def test_comparison_holds_only_what_the_link_errors_have(dataset: Dataset) -> No
     assert versions(full, links)[1].calibration is links
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("asked", ASKED[:3], ids=str)
 @pytest.mark.thorough
 def test_every_step_of_a_diagnosis_is_fitted_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:

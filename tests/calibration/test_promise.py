@@ -58,7 +58,6 @@ def test_intervals_of_90_percent_hold_90_percent_where_nothing_is_missing(train:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["transmission_error", "joint_compliance"])
 def test_they_hold_90_percent_where_an_effect_is_missing(effect: str) -> None:
     shares = []

@@ -74,7 +74,6 @@ def test_pairs_that_blur_each_other_are_named() -> None:
     assert [abs(p.r) for p in pairs] == sorted((abs(p.r) for p in pairs), reverse=True)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("range_rad", [np.pi, 0.6])
 @pytest.mark.thorough
 def test_predictions_err_as_much_as_they_say(range_rad: float) -> None:

@@ -464,8 +464,7 @@ def test_targets_have_the_conditions_that_poses_may_have(cell: Path, tmp_path: P
         ),
     ):
         joints = write_targets(tmp_path / "targets.csv", np.zeros((1, 6)), **more)
-        assert says in (said := refused("correct", cell, "--joints", joints, "--out", out))
-        assert said.count("\n") == 1
+        assert says in refused("correct", cell, "--joints", joints, "--out", out)
         assert not out.exists()
 
 

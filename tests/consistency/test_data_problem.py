@@ -79,7 +79,6 @@ def test_rows_and_units_are_told_with_their_mend(arm: str, sheet: str) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize("arm", sweep(ARMS, every_run=["rb5", "gantry"]))
 def test_turned_joints_are_told_or_left_open_with_all_that_makes_the_same_of_the_points(arm: str) -> None:
     """Another sign of a last joint with its tool near the axis stays open; three slides mirror each other."""

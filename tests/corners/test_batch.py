@@ -224,7 +224,6 @@ def test_an_early_end_cancels_what_waits(how: str) -> None:
     assert 50 <= len(executor.futures) <= 51
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_the_command_finds_the_same_with_any_number_of_processes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -81,7 +81,6 @@ def test_white_noise_is_taken_for_white(free: list[Corner]) -> None:
     assert np.median([f.quality.smooth_factor for f in free]) < 1.1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("length_mm", [5.0, 15.0])
 @pytest.mark.thorough
 def test_the_covariance_holds_under_a_smooth_error(length_mm: float) -> None:
@@ -113,7 +112,6 @@ def test_plane_covariance_is_what_repeats_show(free: list[Corner]) -> None:
     assert np.mean(found) == pytest.approx(3.0, abs=0.6)  # the mean of 150 has a sigma of 0.2 itself
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 @pytest.mark.parametrize("certified", [False, True])
 def test_held_angles_gain_what_the_covariance_says(free: list[Corner], certified: bool) -> None:

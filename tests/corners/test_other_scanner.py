@@ -35,7 +35,6 @@ REFUSED = (
 )
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_corners_lie_near_the_bound_and_the_covariance_says_so() -> None:
     ratios, squares = [], []

@@ -291,7 +291,6 @@ def test_a_scan_without_a_corner_fails_with_a_reason(case: str) -> None:
     assert found.summary().startswith("scan: no corner: ")
 
 
-@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     count=st.integers(0, 300),
@@ -369,7 +368,6 @@ def test_the_wrong_edge_is_told() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("true_mm", "told_mm"),
     sweep(

@@ -135,7 +135,6 @@ def test_what_is_declared_of_the_scanner_is_the_least_that_a_corner_has() -> Non
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["gaussian", "exponential"])
 def test_points_that_share_their_errors_count_less(kernel: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Weighed by their covariance the points give a better corner than by equal weights, and an honest covariance."""

@@ -20,7 +20,6 @@ def found() -> Diagnosis:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_the_joints_the_size_and_the_pose_of_each_effect(found: Diagnosis) -> None:
     links, first, both = (step.calibration for step in found.steps)
     compliance = cause_of("joint_compliance", links, first)

@@ -67,7 +67,6 @@ class Expansion:
         return own.apply(state, **{own.parameters[0].name: kappa_per_k})
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_a_clear_first_effect_stays_claimed_beside_a_tied_second() -> None:
     dataset = simulated([("joint_compliance", 8.0), ("thermal_growth", 3.0)])

@@ -123,7 +123,6 @@ def test_a_special_case_comes_first_where_it_says_nearly_as_much(twins: Dataset)
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "robot"),
     sweep(

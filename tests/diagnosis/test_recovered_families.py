@@ -68,7 +68,6 @@ TRUTHS: dict[str, Callable[[Any], dict[str, float]]] = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "arm"), [(name, ("rb5", "panda")[k % 2]) for k, name in enumerate(LATER)])
 @pytest.mark.thorough
 def test_each_is_ranked_first_and_fitted_to_the_noise(name: str, arm: str) -> None:

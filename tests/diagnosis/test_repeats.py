@@ -42,7 +42,6 @@ def by_hand(dataset: Dataset) -> Dataset:
     return replace(dataset, poses=poses, points=points, scanner=Scanner(SIGMA_MM / np.sqrt(REPEATS)))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "rounds"), [(0, False), (1, True), (2, False)])
 @pytest.mark.thorough
 def test_evidence_is_that_of_the_means(seed: int, rounds: bool) -> None:
@@ -116,7 +115,6 @@ def test_noise_comes_from_the_repeats() -> None:
     assert lack < 1e-6
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_a_clean_arm_gives_no_name() -> None:
     found = [found_in_clean_arm(seed) for seed in range(20)]

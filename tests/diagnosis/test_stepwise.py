@@ -90,7 +90,6 @@ def test_white_noise_far_beyond_what_was_declared_is_told() -> None:
     assert result.residual_tests.noise_from == "dataset"
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_a_cause_outside_the_catalogue_is_not_called_adequate_nor_named() -> None:
     found = [diagnose(simulated(["hose_pull"], seed=s, poses=100)) for s in range(2)]

@@ -231,7 +231,6 @@ def test_wrong_points_leave_no_trace(
     assert all(pose_id in warning for pose_id in ids(dataset, wrong))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "effects",
     [(), ("joint_compliance",), ("backlash", "base_compliance"), ("transmission_error", "joint_compliance")],

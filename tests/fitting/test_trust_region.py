@@ -209,7 +209,6 @@ def test_steps_that_shrink_slowly_are_followed_to_their_limit() -> None:
         assert np.abs(real - x).min() < 1e-3
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_estimates_lie_within_their_sigmas() -> None:
     """Normalised errors of non-redundant parameters over 40 arms have unit variance."""

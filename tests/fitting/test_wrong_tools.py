@@ -111,7 +111,6 @@ def test_what_the_user_asks_for_wins() -> None:
     assert calibrate(wrong, FitOptions(prior=False)).fit.converged
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_every_further_fit_has_the_same_tool() -> None:
     dataset = simulated(builtin_robot("rb5"), effects=["transmission_error"])

@@ -101,7 +101,6 @@ def test_the_same_model_comes_back(fitted: Calibration, dataset: Dataset, saved:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_it_predicts_and_corrects_the_same(fitted: Calibration, dataset: Dataset, saved: Path) -> None:
     loaded = load_model(saved)
     model, x, poses = fitted.model, fitted.fit.x, dataset.poses

@@ -66,7 +66,6 @@ LONG = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
 @pytest.mark.thorough
 def test_long_files_are_no_hang(tmp_path: Path, name: str) -> None:

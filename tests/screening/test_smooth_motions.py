@@ -41,7 +41,6 @@ def stated(candidate: Candidate) -> tuple[ShapedEffect, float]:
     return member, value.value
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 1), ("panda", 2), ("rb5", 3)])
 @pytest.mark.thorough
 def test_a_dent_is_named_at_its_joint_and_place_and_no_harmonic_in_its_stead(robot: str, seed: int) -> None:

@@ -32,8 +32,13 @@ def idle_app(
     with serving(folder, port=0, effects_file=effects_file, saved=saved) as app:
         if not as_users_see_it:
             without_reflections(app)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         yield app
+
+
+def idle(app: App) -> None:
+    """Wait until the app has done all that it was asked for."""
+    assert app.worker.wait_idle(IDLE_S)
 
 
 def without_reflections(app: App) -> None:

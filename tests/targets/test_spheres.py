@@ -81,7 +81,6 @@ def test_many_centres_are_at_their_bound(diameter_mm: float, known: bool) -> Non
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize(("hidden", "known"), [(0.0, True), (0.5, False)])
 @pytest.mark.parametrize("declared", [NOTHING_DECLARED, DeclaredNoise(0.03, 15.0)], ids=["shown", "declared"])
 def test_a_centre_knows_of_errors_that_neighbours_share(declared: DeclaredNoise, hidden: float, known: bool) -> None:

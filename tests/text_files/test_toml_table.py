@@ -69,7 +69,6 @@ def depth(value: object) -> int:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_no_mixture_of_quotes_hides_a_long_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(toml_table, "MOST_PARTS", 3)
     monkeypatch.setattr(toml_table, "MOST_DEPTH", 2)

@@ -230,7 +230,6 @@ def test_the_extrapolation_by_hand() -> None:
     assert rising.gain == pytest.approx(0.0)
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_the_interval_of_sigma_covers_the_truth() -> None:
     """95 % of intervals hold the true sigma; here 60 fits of 16 poses, so 50 at least."""

@@ -23,7 +23,7 @@ from inspector.panels.model.redundancy import ALL, ANGLES, LENGTHS
 from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
 from inspector.session import measuring
 from inspector.session.session import Session
-from tests.support.app import IDLE_S, idle_app, plain, shows
+from tests.support.app import IDLE_S, idle, idle_app, plain, shows
 from tests.support.tiny_dataset import POSES, write_tiny
 from tests.support.wire_client import WireClient
 
@@ -94,7 +94,7 @@ def test_poses_without_a_point_are_named_on_the_page_and_may_be_selected(folder:
         shows(page, f"2 of {POSES},")
         page.trigger("Previous pose")
         shows(page, f"1 of {POSES},")
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
 
 
 @pytest.fixture
@@ -116,14 +116,14 @@ def test_the_search_can_be_stopped_and_goes_on_where_it_was(folder: Path) -> Non
         page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
         page.click("Stop the search")
         page.wait(lambda p: "Stopped:" in plain(p))
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         stopped_at = dict(session(app).searches)
         assert 0 < len(stopped_at) < POSES
         assert session(app).calibration is None
         page.wait(lambda p: p.has("Go on searching"))
         page.click("Go on searching")
         page.wait(lambda p: f"of {POSES} corners found" in plain(p), 30)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         # Every further scan tells of the jig's angles, and so of each corner: what was searched stays.
         assert all(session(app).searches[pose].sets is search.sets for pose, search in stopped_at.items())
         assert session(app).calibration is not None
@@ -196,7 +196,7 @@ def test_the_exaggeration_changes_picture_and_words(app: App, page: WireClient) 
     old = float(page.value("Ellipsoids ×"))
     page.set("Ellipsoids ×", "10")
     shows(page, "Drawn 10 times larger")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     page.wait(lambda p: "1σ × 10" in p.scene[f"{ROOT}/corner/label"]["props"]["text"])
     after = np.asarray(page.scene[f"{ROOT}/corner/ellipsoid"]["props"]["batched_scales"]).ravel()
     np.testing.assert_allclose(after, before * 10 / old, rtol=1e-5)
@@ -231,7 +231,7 @@ def test_calibrate_with_distances_or_say_in_words_why_not(app: App, page: WireCl
     page.wait(lambda p: not p.props("Calibrate")["disabled"])
     page.click("Calibrate")
     page.wait(lambda p: p.notifications or session(app).calibration is not first, 30)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     second = session(app).calibration
     if page.notifications:  # 13 training poses are few for distances alone: the reason is on the page
         reason = page.notifications[-1]["props"]["body"]
@@ -249,13 +249,13 @@ def test_switching_datasets_and_back_searches_nothing_again(app: App, page: Wire
     searches = session(app).searches
     page.set("Dataset", "points")
     shows(page, "Nothing to search")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert session(app).dataset.points is not None
     page.wait(lambda p: not [n for n in p.scene if n.startswith(f"{ROOT}/overview/")])
     page.wait(lambda p: f"{ROOT}/corners/dots" in p.scene)
     page.set("Dataset", "cell")
     shows(page, f"{POSES - 1} of {POSES} corners found, 1 failed")  # in no time
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert session(app).searches is searches
 
 
@@ -265,7 +265,7 @@ def test_a_dataset_that_cannot_be_read_is_told_and_the_old_one_stays(folder: Pat
     page.wait(lambda p: p.notifications)
     assert "gone" in page.notifications[-1]["props"]["body"]
     shows(page, page.notifications[-1]["props"]["body"])
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert session(app).dataset.name == "cell"
     page.trigger("Next pose")
     shows(page, f"2 of {POSES}")
@@ -304,7 +304,7 @@ def test_requests_that_no_widget_makes_are_ignored(app: App) -> None:
     app.colouring("by taste")
     app.select(10**9)
     app.select(-(10**9))
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert app.state.view.session is before.session
     assert app.state.view.pose == 0
 
@@ -329,7 +329,7 @@ def test_garbage_for_every_widget_changes_nothing(app: App, page: WireClient) ->
             page.send(type="GuiUpdateMessage", uuid=uuid, updates={field: None})
     page.trigger("Next pose")
     shows(page, f"2 of {POSES}")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert app.state.view.session is before.session
     assert not page.notifications
 

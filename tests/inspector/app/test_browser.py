@@ -15,7 +15,7 @@ from inspector.panels.model.compare import SHOW_ARM, SHOW_DISTANCE
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
-from tests.support.app import IDLE_S, without_reflections
+from tests.support.app import idle, without_reflections
 from tests.support.browser import MS, colours_in, need_chromium, node_drawn, open_tab, says
 from tests.support.tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 
@@ -41,18 +41,16 @@ def test_without_a_browser_ci_fails_and_others_skip_with_the_reason(
         need_chromium()
 
 
-@pytest.mark.slow
 def test_the_page_opens_and_says_how_far_the_search_has_come(page: Any, app: App) -> None:
     open_tab(page, "Scans")
     names = [t.inner_text().strip() for t in page.get_by_role("tab").all()]
     assert {"Measure", "Model", "Learn", "Scans", "Planes", "Corner"} <= set(names)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     says(page, f"{POSES - 1} of {POSES} corners found")
 
 
-@pytest.mark.slow
 def test_scans_tab_and_the_scene_show_the_scan(page: Any, app: App) -> None:
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     open_tab(page, "Scans")
     says(page, "p01.ply")
     node_drawn(page, f"{ROOT}/faces/points")
@@ -64,7 +62,6 @@ def test_scans_tab_and_the_scene_show_the_scan(page: Any, app: App) -> None:
     assert colours_in(page.screenshot(clip=middle)) > 30
 
 
-@pytest.mark.slow
 def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
     open_tab(page, "Scans")
     page.get_by_role("button", name=NEXT).click()
@@ -92,7 +89,6 @@ def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
     node_drawn(page, f"{ROOT}/groups/discs")
 
 
-@pytest.mark.slow
 def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
     open_tab(page, "Corner")
     search = app.state.view.search
@@ -114,7 +110,7 @@ def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
 @pytest.mark.thorough
 def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app: App) -> None:
     app.select(0)  # the scan before has no corner, so no jig to lay over it
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     open_tab(page, "Compare")
     for version in app.state.now.versions:
         says(page, numbers.column_mm(version.evaluation.test.rmse_mm))
@@ -128,7 +124,6 @@ def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app:
     says(page, "nearest chosen face")
 
 
-@pytest.mark.slow
 def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
     open_tab(page, "Redundancy")
     says(page, "a6 and aTCP are indistinguishable: only a6 + aTCP can be known; keep a6.")
@@ -152,7 +147,6 @@ def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
     assert page.locator(".js-plotly-plot .barlayer .point").count() == POSES - 1  # one scan has no corner
 
 
-@pytest.mark.slow
 def test_nothing_is_cut_off_sideways(page: Any) -> None:
     for name in ("Scans", "Planes", "Corner", "Compare", "Redundancy", "Fit"):
         open_tab(page, name)
@@ -164,10 +158,9 @@ def test_nothing_is_cut_off_sideways(page: Any) -> None:
         assert wide == [], name
 
 
-@pytest.mark.slow
 def test_names_from_files_run_nothing(page: Any, app: App) -> None:
     app.open("points")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     app.select(1)
     open_tab(page, "Compare")
     says(page, f"Pose {HOSTILE}")
@@ -175,7 +168,6 @@ def test_names_from_files_run_nothing(page: Any, app: App) -> None:
     assert page.locator("b", has_text="p2").count() == 0
 
 
-@pytest.mark.slow
 def test_another_web_page_cannot_drive_it_and_its_own_can(page: Any, chromium: Any, app: App) -> None:
     connect = """([address, version]) => new Promise(done => {
         const socket = new WebSocket(address, [version]);

@@ -6,7 +6,7 @@ import pytest
 
 from inspector.app.app import App
 from inspector.session import transitions as sessions
-from tests.support.app import IDLE_S
+from tests.support.app import idle
 
 pytestmark = pytest.mark.slow
 
@@ -17,7 +17,7 @@ def test_a_verdict_that_was_ready_is_the_one_that_would_be_found(app: App) -> No
     name = before.advice.effect
     expected = sessions.with_residual_tests(sessions.with_ranking(sessions.with_effect(before, name)))
     app.add_effect(name)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     now = app.state.session
     assert [effect.name for effect in now.effects] == [name]
     assert [(c.name, c.log_evidence) for c in now.screening.candidates] == [
@@ -28,6 +28,6 @@ def test_a_verdict_that_was_ready_is_the_one_that_would_be_found(app: App) -> No
     assert (now.advice is None) == (expected.advice is None)
     assert (now.diagnosis and now.diagnosis.verdict) == (expected.diagnosis and expected.diagnosis.verdict)
     app.move(-1)  # and again, from the model before
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert app.state.session.effects == ()
     assert app.state.session.advice is not None

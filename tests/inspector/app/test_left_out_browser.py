@@ -8,7 +8,7 @@ import pytest
 
 from inspector.app.app import App
 from inspector.panels.review import LEAVE_OUT, TAKE_IN
-from tests.support.app import IDLE_S
+from tests.support.app import idle
 from tests.support.browser import MS, open_tab, says
 
 pytestmark = [pytest.mark.browser, pytest.mark.thorough]
@@ -30,7 +30,7 @@ def test_a_pose_is_left_out_by_its_button_and_said_everywhere(page: Any, app: Ap
     says(page, "no figure takes it")
     open_tab(page, "What is missing")
     says(page, f"− pose {POSE}: the test error is")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert app.state.session.uncounted == {POSE}
 
 
@@ -39,6 +39,6 @@ def test_a_field_that_is_typed_into_keeps_the_keys_for_its_text(page: Any, app: 
     page.locator("#typed").fill("some text")
     page.locator("#typed").press("Control+z")
     page.wait_for_timeout(200)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert app.state.session.uncounted == {POSE}
     page.evaluate("document.getElementById('typed').remove()")

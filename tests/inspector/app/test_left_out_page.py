@@ -10,7 +10,7 @@ from inspector.markup.parts.palette import LEFT_OUT, rgb
 from inspector.panels.review import LEAVE_OUT, TAKE_IN
 from inspector.scene.scene_view import ROOT
 from inspector.session.session import Session
-from tests.support.app import IDLE_S, plain, shows
+from tests.support.app import idle, plain, shows
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
@@ -44,7 +44,7 @@ def test_left_out_and_taken_in_again(app: App, page: WireClient) -> None:
     assert (grey_points(page), "left out" in plain(page)) == (0, False)
     page.click(LEAVE_OUT)
     page.wait(lambda p: p.has(TAKE_IN))
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert session(app).uncounted == {POSE}
     assert session(app).screening is not None  # ranked again
     shows(
@@ -60,7 +60,7 @@ def test_left_out_and_taken_in_again(app: App, page: WireClient) -> None:
     assert f"{ROOT}/corner/label" in page.scene  # it can still be looked at
     page.click(TAKE_IN)
     page.wait(lambda p: p.has(LEAVE_OUT))
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert session(app).uncounted == frozenset()
     page.wait(lambda p: grey_points(p) == 0)
     assert np.array_equal(session(app).calibration.fit.x, first.fit.x)  # type: ignore[union-attr]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.app import idle, idle_app, shows
 from tests.support.commands import refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient
@@ -51,7 +51,7 @@ def test_an_effect_that_ends_the_program_is_told_and_the_page_goes_on(tmp_path: 
         shows(page, "2 of 45")
         effects_file.unlink()
         app.effects()
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.session.calibration is not None
 
 

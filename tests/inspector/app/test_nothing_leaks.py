@@ -12,7 +12,7 @@ from inspector.app.app import App
 from inspector.server.worker import LongWork
 from inspector.session.session import Session
 from inspector.session.view import BY_ERROR, BY_ROLE
-from tests.support.app import IDLE_S, idle_app
+from tests.support.app import idle, idle_app
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
 
@@ -41,7 +41,7 @@ def session(app: App) -> Session:
 
 def open_(app: App, name: str) -> None:
     app.open(name)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert app.state.name == name
 
 
@@ -82,7 +82,7 @@ def test_choices_are_one_datasets(app: App, page: WireClient) -> None:
     page.wait(lambda p: not p.props("Calibrate")["disabled"])
     page.click("Calibrate")
     page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pairs")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
 
     open_(app, "two")
     assert session(app).calibration.residual == "position"  # type: ignore[union-attr]

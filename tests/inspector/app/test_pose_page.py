@@ -25,7 +25,7 @@ from inspector.export.csv_and_png import corners_csv
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
-from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.app import idle, idle_app, shows
 from tests.support.commands import answered
 from tests.support.tiny_dataset import scanned_cell
 from tests.support.wire_client import WireClient
@@ -78,7 +78,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(app: App, page:
     assert plain_points.orientations is None  # a fit of positions takes no more than it did
     fit(page, "pose")
     shows(page, "pose, ", "attitude of the jig")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     ours = session(app).calibration
     theirs = answered("calibrate", folder / "cell", "--residual", "pose")
     assert ours.face_labelling is not None
@@ -112,7 +112,7 @@ def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) ->
         shows(page, "points.csv has orientations")
         fit(page, "pose")
         page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert session(app).face_labels is None
         assert session(app).calibration.face_labelling is None  # type: ignore[union-attr]
 

@@ -10,7 +10,7 @@ import pytest
 
 from inspector.app.app import App
 from inspector.server.viser_server import url_of
-from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.app import idle, idle_app, shows
 from tests.support.browser import COARSE, MS, open_tab
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
@@ -85,18 +85,18 @@ def test_a_page_is_as_its_browser_prefers(app: App, chromium: Any, scheme: str) 
 
 @pytest.mark.thorough
 def test_d_turns_one_page_and_no_figure_is_sent_again(app: App, chromium: Any) -> None:
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     with theme_page(chromium, app, "light") as one, theme_page(chromium, app, "light") as other:
         with WireClient(app.server.get_port()) as wire:
             shows(wire, "3 pages are open")  # two browsers and this: nothing of their arrival comes later
-            assert app.worker.wait_idle(IDLE_S)
+            idle(app)
             figures = wire.figures()
             one.evaluate("() => window.was = [...document.querySelectorAll('.js-plotly-plot')].map(each => each.data)")
             log = len(wire.log)
             press_d(one)
             becomes(one, "dark")
             becomes(other, "light")
-            assert app.worker.wait_idle(IDLE_S)
+            idle(app)
             assert wire.figures() == figures
             assert not [kind for kind in list(wire.log)[log:] if "Theme" in kind or "GuiUpdate" in kind]
         assert one.evaluate(

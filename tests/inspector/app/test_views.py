@@ -11,7 +11,7 @@ from calib.array_types import Array
 from inspector.app.app import App
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import FRONT, RESET, SIDE, TOP
-from tests.support.app import IDLE_S
+from tests.support.app import IDLE_S, idle
 from tests.support.tiny_dataset import write_tiny
 from tests.support.wire_client import WireClient
 
@@ -34,7 +34,7 @@ def app(running: App) -> App:
 def after(app: App, tabs: str) -> str:
     """The view on show once these tabs are open."""
     app.tabs(tabs)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     return app.stage.view_name
 
 
@@ -78,12 +78,12 @@ def test_the_arm_is_looked_at_from_its_front_its_side_and_above(app: App) -> Non
     usual, _ = eye(app)
     for side, towards in ((FRONT, (1, 0, 0)), (SIDE, (0, -1, 0)), (TOP, (0, 0, 1))):
         app.look_from(side)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         at, up = eye(app)
         np.testing.assert_allclose(at, towards, atol=0.03)
         np.testing.assert_allclose(up, (0, 0, 1), atol=1e-9)
     app.look_from(RESET)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     np.testing.assert_allclose(eye(app)[0], usual, atol=1e-9)
 
 

@@ -26,7 +26,7 @@ from inspector.panels.your_data import OPEN, OWN_DATA
 from inspector.server.uploads import PART_BYTES
 from inspector.server.viser_server import url_of
 from inspector.session.session_file import session_text
-from tests.support.app import IDLE_S, plain, shows, without_reflections
+from tests.support.app import IDLE_S, idle, plain, shows, without_reflections
 from tests.support.browser import MS, open_page, says
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
@@ -114,7 +114,7 @@ def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
         page.wait(lambda p: p.value("Dataset") == "cell 7")
         page.wait(lambda p: not p.has(OPEN))
         other.wait(lambda p: "cell 7" in p.props("Dataset")["options"])
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert app.state.session.calibration is not None
     assert load_dataset(tmp_path / "data" / "cell 7").name == "cell 7"
     assert [path.name for path in (tmp_path / "data").iterdir() if not path.name.startswith(".")] == ["cell 7"]
@@ -155,7 +155,7 @@ def test_hostile_names_and_values_stay_text_and_change_nothing(app: App, tmp_pat
                 page.send(type="GuiUpdateMessage", uuid=page.find(label), updates={"value": value})
             page.send(type="GuiUpdateMessage", uuid=page.find(label), updates={"disabled": False, "visible": True})
         page.click(OPEN)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         page.vanish()
     end = time.monotonic() + 10.0
     # Until the server sees that it is gone; what it deletes may vanish while it is walked.
@@ -167,10 +167,10 @@ def test_hostile_names_and_values_stay_text_and_change_nothing(app: App, tmp_pat
 def without(robot_pose: str, app: App) -> str:
     """Text of a session in which a pose is left out, as *Take away* writes it; the page then has all poses again."""
     app.leave_out(robot_pose, True)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     text = session_text(app.state.session, beside=Path("anywhere"))
     app.leave_out(robot_pose, False)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     return text
 
 
@@ -231,7 +231,7 @@ def test_in_a_browser_by_drop_and_by_the_file_dialog(
         assert page.locator("#inspector-drop").is_hidden()
         page.get_by_role("button", name=OPEN).click()
         page.get_by_role("button", name=OPEN).wait_for(state="detached", timeout=MS)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.name == "achsen"
         for name, content in given.items():
             (tmp_path / name).write_bytes(content)
@@ -249,5 +249,5 @@ def test_in_a_browser_a_dropped_session_opens(chromium: Any, app: App) -> None:
     with open_page(chromium, url_of(app.server), 900, 650) as page:
         page.evaluate(DROP, [["session.json", text]])
         says(page, "left out of these")
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.session.uncounted == {"p05"}

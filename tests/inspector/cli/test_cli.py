@@ -163,7 +163,6 @@ def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_diagnose_writes_its_model_and_the_report_fits_as_asked(points_folder: Path, tmp_path: Path) -> None:
     model, page = tmp_path / "model.json", tmp_path / "report.html"
     pose = pd.read_csv(points_folder / "points.csv")["pose"][7]

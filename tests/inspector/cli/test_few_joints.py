@@ -42,7 +42,6 @@ def test_every_command_ends_well_for_few_joints(
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize("declared", sweep([True, False], every_run=[True]))
 def test_every_command_ends_well_for_data_without_noise(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, declared: bool

@@ -38,7 +38,7 @@ from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
 from inspector.session.reopening import dataset_of, opening
 from inspector.session.session_file import load_session
-from tests.support.app import IDLE_S, idle_app
+from tests.support.app import idle, idle_app
 from tests.support.browser import colours_in, need_chromium, node_drawn, open_page
 from tests.support.commands import answered, refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
@@ -216,7 +216,7 @@ def running(folder: Path) -> Iterator[App]:
     before = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
     with idle_app(folder) as app:
         app.add_effect(HIDDEN)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         yield app
     after = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
     assert before == after  # nothing was written where the server runs
@@ -279,7 +279,7 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
     app.select(7)
     app.show_view("Corner")
     app.arrows(300.0)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     path = tmp_path / "session.json"
     with WireClient(app.server.get_port()) as page:
         path.write_bytes(taken(page, "Session (JSON)"))

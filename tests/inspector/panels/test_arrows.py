@@ -12,7 +12,7 @@ from inspector.app.app import App
 from inspector.panels.model.compare import AUTOMATIC
 from inspector.scene.residual_arrows import FALL_S, LONGEST_SHARE, drawn_as, field_mm, residual_words
 from inspector.scene.scene_view import ROOT
-from tests.support.app import IDLE_S
+from tests.support.app import IDLE_S, idle
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
@@ -44,7 +44,7 @@ def test_the_factor_suits_what_is_drawn_until_one_is_chosen(app: App, page: Wire
     app.arrows(None)
     for name in (NOMINAL, LINKS):
         app.version(name)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert not app.state.now.arrows_chosen
         longest = arrow_lengths_mm(page).max()
         assert longest <= LONGEST_SHARE * field * 1.001
@@ -55,7 +55,7 @@ def test_the_factor_suits_what_is_drawn_until_one_is_chosen(app: App, page: Wire
     for name in (NOMINAL, LINKS):
         app.version(name)
         app.step(1)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.now.arrows == 3000
     page.set("Residuals ×", AUTOMATIC)
     page.wait(lambda p: not app.state.now.arrows_chosen and p.value("Residuals ×") != AUTOMATIC)
@@ -74,11 +74,11 @@ def test_a_wild_arrow_is_cut_and_its_length_told(app: App) -> None:
 
 def test_arrows_have_one_scale_and_fall_from_the_model_before(app: App, page: WireClient) -> None:
     app.show_step(0)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     page.wait(lambda p: f"{ROOT}/before/lines" not in p.scene)
     scale, nominal_mm = app.state.now.arrows, arrow_lengths_mm(page)
     app.show_step(1)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert app.state.now.arrows == scale
     version = app.state.now.version
     expected_mm = np.linalg.norm(drawn_as(version.evaluation.error_mm, app.state.now, 1e6)[0], axis=1)

@@ -19,7 +19,7 @@ from inspector.markup.parts.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
 from inspector.panels.model.compare import SHOW_ARM
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import BY_ERROR, BY_ROLE
-from tests.support.app import IDLE_S, plain
+from tests.support.app import IDLE_S, idle, plain
 from tests.support.hidden_dataset import write_hidden
 from tests.support.tiny_dataset import BROKEN, box_stl, write_tiny
 from tests.support.wire_client import WireClient
@@ -67,7 +67,7 @@ def array(page: WireClient, node: str, prop: str, *shape: int) -> np.ndarray:
 
 def test_key_figures_are_those_of_each_version_with_the_noise(app: App, page: WireClient) -> None:
     app.add_effect("transmission_error")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     page.wait(lambda p: f"p01, {EFFECTS}" in p.scene[f"{ROOT}/arm/label"]["props"]["text"])
     for name in (NOMINAL, LINKS, EFFECTS):
         for figures in (version(app, name).evaluation.train, version(app, name).evaluation.test):
@@ -108,7 +108,7 @@ def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireCl
     np.testing.assert_array_equal(array(page, "corners/points", "colors", 3), expected)
     page.set("Measured points", BY_ERROR)
     page.wait(lambda p: f"3D error of {LINKS}" in plain(p))
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     limit = error_limit_mm(app.state.now)
     errors = version(app, LINKS).pose_errors_mm()
     assert limit / 2.01 <= errors.max() <= limit
@@ -123,7 +123,7 @@ def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireCl
 
 def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: WireClient) -> None:
     app.select(3)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     points = app.state.now.session.dataset.points
     expected = points.xyz_mm[points.pose == 3].mean(axis=0)
     page.wait(
@@ -131,7 +131,7 @@ def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: Wir
     )
     batches = [page.scene[f"{ROOT}/{name}"] for name in ("arm/cylinders", "corners/dots")]
     app.select(0)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     first = points.xyz_mm[points.pose == 0].mean(axis=0)
     page.wait(lambda p: np.allclose(1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), first, atol=1e-3))
     assert page.scene[f"{ROOT}/arm/cylinders"] is batches[0]  # moved, not added anew
@@ -140,9 +140,9 @@ def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: Wir
 
 def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireClient) -> None:
     app.open("cell")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     app.show_view("Distance")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     dataset, search = app.state.now.session.dataset, app.state.now.search
     assert search.corner is not None
     path = dataset.scan_path(0)
@@ -160,7 +160,7 @@ def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireCli
     }  # fmt: skip
     page.wait(lambda p: p.scene[f"{ROOT}/jig"]["visible"] and not p.scene[f"{ROOT}/arm"]["visible"])
     app.select(BROKEN)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     page.wait(lambda p: "no place for the jig's model" in plain(p))
     page.wait(lambda p: not [n for n in p.scene if n.startswith((f"{ROOT}/jig/", f"{ROOT}/distance/"))])
 

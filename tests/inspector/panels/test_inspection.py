@@ -22,7 +22,7 @@ from inspector.panels.measure.scans import corner_state
 from inspector.report.content import report_of
 from inspector.report.report import report_html
 from inspector.session.view import VIEW_LAYERS, VIEWS, View
-from tests.support.app import IDLE_S, shows
+from tests.support.app import idle, shows
 from tests.support.tiny_dataset import BROKEN, POSES, write_tiny
 from tests.support.wire_client import WireClient
 
@@ -48,7 +48,7 @@ def _spoil(path: Path, spoil) -> None:  # type: ignore[no-untyped-def]
 def page(app: App) -> Iterator[WireClient]:
     app.select(0)
     app.show_view("All scans")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     with WireClient(app.server.get_port()) as client:
         yield client
 
@@ -101,7 +101,7 @@ def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: Wir
         "Arm": ("training", "residuals ×", "selected pose", "floor, 100 mm a square"),
     }
     app.show_view(look)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     visible, off_mm = VIEW_LAYERS[look], app.stage.comparison.distances_mm
     said_now = legend_html(view(app), visible, off_mm)
     for part in said[look]:

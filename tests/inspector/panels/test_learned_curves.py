@@ -16,7 +16,7 @@ from inspector.report.report import report_html
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
-from tests.support.app import IDLE_S, shows
+from tests.support.app import idle, shows
 from tests.support.hidden_dataset import write_unnamed
 from tests.support.wire_client import WireClient
 
@@ -44,7 +44,7 @@ def offered(page: WireClient) -> bool:
 
 @pytest.mark.thorough
 def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: WireClient) -> None:
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     learned = session(app).curves
     page.wait(offered)
     assert page.props("Effect")["options"][0] == LEARNED
@@ -56,18 +56,18 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
     page.wait(curves_drawn)
     assert session(app).effects[0].members is learned.members
     assert f"{LEARNED}.J1" not in page.text()  # no row for each mode
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     page.press("Model", UNDO)
     page.wait(lambda p: not curves_drawn(p) and offered(p))
     assert session(app).curves is learned
     page.press("Model", REDO)
     page.wait(curves_drawn)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     page.set("Effect", LEARNED)
     page.press("Model", REMOVE)
     shows(page, f"\u2212 {LEARNED}: the test error rose", "It was needed")
     page.wait(lambda p: not curves_drawn(p))
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     page.wait(offered)
     assert page.value("Effect") == LEARNED  # it stays chosen while the ranking is made
     assert not page.notifications

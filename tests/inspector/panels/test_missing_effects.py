@@ -17,7 +17,7 @@ from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.panels.learn.missing_effects import FIND, REDO, UNDO
 from inspector.session.session import Session
-from tests.support.app import ADD, IDLE_S, idle_app, plain, shows
+from tests.support.app import ADD, idle, idle_app, plain, shows
 from tests.support.commands import answered
 from tests.support.hidden_dataset import HIDDEN
 from tests.support.wire_client import WireClient
@@ -48,7 +48,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
     told = answered("diagnose", folder)
     page.click(FIND)
     page.wait(lambda p: "Verdict: " in plain(p), 60)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     text = plain(page)
     for paragraph in told["explanation"].split("\n\n"):
         assert paragraph in text
@@ -91,7 +91,7 @@ def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     for _ in range(50):
         page.click(ADD)
     shows(page, f"+ {HIDDEN}: the test error fell")
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert [added.name for added in session(app).effects] == [HIDDEN]
     assert session(app).screening is not None
     for _ in range(50):
@@ -100,7 +100,7 @@ def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     for _ in range(50):
         page.press("Model", REDO)
     page.wait(lambda p: len(history(p)["test"]) == 3)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert not page.notifications
 
 
@@ -111,12 +111,12 @@ def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -
             page.trigger("Next pose")
             other.click(ADD)
             other.press("Model", UNDO)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         shows(page, "26 of 45")
         shows(other, "26 of 45")
         page.click(ADD)
         shows(other, f"link errors + {HIDDEN}", "missing is the transmission error")
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         page.wait(lambda p: p.text() == other.text() and p.figures() == other.figures())
         assert not page.notifications
         assert not other.notifications
@@ -131,7 +131,7 @@ def test_a_page_that_vanishes_in_the_middle_harms_no_one(app: App, page: WireCli
     page.trigger("Next pose")
     shows(page, "2 of 45")
     page.wait(lambda p: "Verdict: " in plain(p), 60)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     with WireClient(app.server.get_port()) as late:
         shows(late, "Verdict: ", "2 of 45")
     assert not page.notifications
@@ -145,7 +145,7 @@ def test_the_page_goes_on_while_the_program_looks(app: App, page: WireClient) ->
     if page.has("Stop looking"):
         page.click("Stop looking")
     page.wait(lambda p: p.has(FIND), 30)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert not page.notifications
 
 

@@ -10,7 +10,7 @@ import pytest
 from calib.rendering import numbers
 from inspector.app.app import App
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
-from tests.support.app import ADD, IDLE_S
+from tests.support.app import ADD, idle
 from tests.support.browser import MS, says
 from tests.support.commands import answered
 from tests.support.hidden_dataset import HIDDEN
@@ -37,7 +37,6 @@ def steps_drawn(page: Any, count: int) -> None:
     )  # fmt: skip
 
 
-@pytest.mark.slow
 def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
     told = answered("diagnose", folder)
     before, after = (numbers.column_mm(step["test_rmse_mm"]) for step in told["steps"])
@@ -60,12 +59,11 @@ def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App, folder: Path) -> None:
     told = answered("diagnose", folder)
     press(page, FIND)
     says(page, told["explanation"].split("\n\n")[-1])
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     assert told["verdict"] == "named"
     assert fact(page, "model") == f"link errors + {HIDDEN} (joints 1, 2, 3, 4, 5 and 6)"
     assert fact(page, "test 3D RMSE") == f"{numbers.column_mm(told['steps'][-1]['test_rmse_mm'])} mm"

@@ -12,7 +12,7 @@ from calib.dataset.files.folder import write_dataset
 from calib.diagnosis.moves import AddEffect
 from inspector.app.app import App
 from inspector.markup.learn.effects import leave_out_label
-from tests.support.app import IDLE_S, idle_app
+from tests.support.app import idle, idle_app
 from tests.support.hidden_dataset import UNNAMED, arm
 from tests.support.wire_client import WireClient
 
@@ -61,17 +61,17 @@ def test_poses_that_a_diagnosis_names_are_left_out_as_one_change(tmp_path: Path)
         assert buttons(page, label) == 2  # in "What is missing" and "Where it fails"
         page.click(label)
         page.wait(lambda p: buttons(p, label) == 0)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.session.asked_out == poses
         app.move(-1)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.session.uncounted == frozenset()
         page.wait(lambda p: buttons(p, label) == 2)
         app.leave_out_poses([*ids, "no such pose"])
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.session.uncounted == set(ids)
         app.move(-1)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.session.uncounted == frozenset()
 
 

@@ -13,7 +13,7 @@ from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import AFTER, ALL_POSES, BEFORE, DIFFERENCE
-from tests.support.app import IDLE_S
+from tests.support.app import idle
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
@@ -38,7 +38,7 @@ def drawn(page: WireClient, name: str) -> np.ndarray:
 def test_arrows_before_and_after_a_change_and_of_what_it_moved(app: App, page: WireClient) -> None:
     assert app.state.now.pair_choices == {}  # until a diagnosis has judged them
     app.find(True)
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     pairs = app.state.now.pair_choices[DIFFERENCE][1]
     assert np.any(pairs.explained_mm)
     app.version("link errors")

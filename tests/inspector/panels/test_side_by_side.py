@@ -11,7 +11,7 @@ import pytest
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
 from inspector.panels.model.side_by_side import NONE, VERSION
-from tests.support.app import IDLE_S, plain
+from tests.support.app import idle, plain
 from tests.support.checked_cell import measured_twice
 from tests.support.wire_client import WireClient
 
@@ -32,7 +32,7 @@ def beside(app: App, choice: str) -> str:
     """What the page says once this is chosen."""
     app.panels.side_by_side.other.value = choice
     app.beside()
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     with WireClient(app.server.get_port()) as page:
         return plain(page)
 

@@ -12,7 +12,7 @@ import pytest
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
 from inspector.panels.timeline import PAUSE, PLAY, clock, in_time
-from tests.support.app import IDLE_S, plain
+from tests.support.app import idle, plain
 from tests.support.hidden_dataset import arm
 from tests.support.wire_client import WireClient
 
@@ -39,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def selected(app: App) -> int:
-    assert app.worker.wait_idle(IDLE_S)
+    idle(app)
     return app.state.now.pose
 
 

@@ -155,7 +155,6 @@ def test_no_path_of_this_machine_is_told(written: Path, folder: Path) -> None:
     assert folder.name not in page
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rb5_repeats", "hidden_effect_b"])
 @pytest.mark.thorough
 def test_it_is_small_enough_to_send(name: str, tmp_path: Path) -> None:
@@ -172,7 +171,6 @@ def test_a_word_that_is_too_long_for_a_column_is_broken_and_others_are_not() -> 
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_data_without_test_poses_or_declared_noise_make_a_report_too(folder: Path, tmp_path: Path) -> None:
     dataset = load_dataset(folder / "hidden")
     role = np.where(dataset.poses.role == "test", "train", dataset.poses.role)
@@ -185,7 +183,6 @@ def test_data_without_test_poses_or_declared_noise_make_a_report_too(folder: Pat
     assert "nothing confirms it" in words
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_only_a_report_is_replaced(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "robot.toml"

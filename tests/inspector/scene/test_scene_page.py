@@ -17,7 +17,6 @@ from tests.support.hidden_dataset import write_hidden
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_the_page_of_a_scene_draws_arm_and_arrows_alone(chromium: Any, tmp_path: Path) -> None:
     found = diagnose(load_dataset(write_hidden(tmp_path / "hidden")))
     path = tmp_path / "scene.html"

@@ -24,7 +24,7 @@ from inspector.app.app import App
 from inspector.app.controllers import downloads
 from inspector.cli.parser import main
 from inspector.panels.downloads import ITEMS, OWN_FILE, REPORT_PDF, SCREENSHOT
-from tests.support.app import IDLE_S, idle_app
+from tests.support.app import idle, idle_app
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient
 
@@ -104,13 +104,13 @@ def test_no_name_becomes_markup_on_any_tab(app: App) -> None:
         for choice in ("Against", "Show", "Worst poses", "Effect"):
             for option in page.props(choice)["options"]:
                 page.set(choice, option)
-                assert app.worker.wait_idle(IDLE_S)
+                idle(app)
                 assert unescaped(page) == [], (choice, option)
         app.add_effect(f"evil {EVIL}")
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert unescaped(page) == []
         app.find(True)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert app.state.now.session.diagnosis is not None
         assert unescaped(page) == []
         app.panels.review.show_problem(EVIL)
@@ -156,7 +156,6 @@ def written() -> Iterator[list[str]]:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(downloads, "RENDER_S", 0.5)  # this page sends no picture
     monkeypatch.setenv("CHROMIUM", str(folder / "no_browser"))  # one would print from a temporary folder
@@ -170,12 +169,12 @@ def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, mon
             for value in rng.permutation(np.array(garbage, dtype=object))[:4]:
                 page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
         made = [name for name in ITEMS if name not in (SCREENSHOT, REPORT_PDF, OWN_FILE)]  # no URDF was kept here
-        assert app.worker.wait_idle(IDLE_S)  # a button pressed among the garbage makes its file too
+        idle(app)  # a button pressed among the garbage makes its file too
         for name in made:
             page.downloads.clear()
             page.click(name)
             page.wait(lambda p: p.downloads, 30.0)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
     assert paths == []
 
 
@@ -200,7 +199,6 @@ def test_no_message_makes_the_server_take_or_give_a_file(app: App, folder: Path)
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_commands_write_where_they_are_told_and_nowhere_else(folder: Path, tmp_path: Path) -> None:
     data, out = str(folder / "served" / EVIL), tmp_path / "out"
     commands = [

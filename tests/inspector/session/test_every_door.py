@@ -84,7 +84,6 @@ def case(name: str) -> Dataset:
     return CASES[name]()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.thorough
 def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
@@ -93,7 +92,6 @@ def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", sweep(["hidden_effect_a", "hidden_effect_b", "hidden_effect_c"], every_run=["hidden_effect_b"])
 )

@@ -17,6 +17,7 @@ from inspector.session.session import Session, StepErrors, asked_out
 from inspector.session.session_file import SavedModel, load_session, save_session, session_text
 from inspector.session.transitions import with_pose_taken_in, with_poses_left_out
 from inspector.session.undo import UNDO_STEPS, Undo
+from tests.support.commands import answered
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 TRAIN, TEST = "p05", "p19"
@@ -71,7 +72,6 @@ def test_taken_in_again_the_fit_is_that_of_before(fitted: Session, without: Sess
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_what_follows_does_without_the_pose(fitted: Session, without: Session) -> None:
     """Another residual, an effect added, the ranking, redundancy, and the versions side by side."""
     pairs = sessions.with_calibration(without, "pairs")
@@ -232,5 +232,5 @@ def test_a_new_setup_starts_from_the_links_and_is_kept_in_the_file(
     again, notes = reopened(measuring.open_session(folder), load_session(path))
     assert notes == ()
     assert np.array_equal(x(again), x(moved))
-    assert main(["calibrate", str(folder), "--new-setup", "p30", "--json"]) == 0
+    answered("calibrate", folder, "--new-setup", "p30")
     assert "a new setup begins with pose p30, as asked" in capsys.readouterr().err

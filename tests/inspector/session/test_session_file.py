@@ -74,7 +74,6 @@ def test_everything_comes_back_to_the_last_bit(worked_on: Session, saved: Path, 
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_the_shape_of_the_noise_comes_back(worked_on: Session, folder: Path, tmp_path: Path) -> None:
     shape = NoiseShape(0.5, 3.0, growth_per_m=0.1, distance_mm=900.0, wander=CorrelatedDrift(0.5, 80.0), tail=4.0)
     options = FitOptions(noise=shape)

@@ -16,7 +16,7 @@ from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.session.session import Session
 from inspector.session.user_effects import UserEffects, Watch
-from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.app import idle, idle_app, shows
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
 
@@ -113,29 +113,28 @@ def session(app: App) -> Session:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 def test_a_changed_file_is_taken_and_a_broken_one_told_in_a_line(served: tuple[App, Path]) -> None:
     app, path = served
     with WireClient(app.server.get_port()) as page:
         page.set("Effect", "ripple")
         page.click("Add to the model")
         shows(page, "link errors + ripple")
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         fitted = session(app).calibration
         path.write_text("import numppy\n")
         shows(page, "No module named 'numppy'; ripple as before")
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert session(app).calibration is fitted
         written(path, 9)
         page.wait(lambda p: "numppy" not in p.text(), 60)
         shows(page, "own effects read again")
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         again = session(app).calibration
         assert again.after.train.rmse_mm != pytest.approx(fitted.after.train.rmse_mm, rel=1e-3)
         assert np.isfinite(again.after.train.rmse_mm)
         path.write_text(FILE.replace("ORDER", "3").replace('"ripple"', '"wave"'))  # the old one is gone
         page.wait(lambda p: "wave" in p.props("Effect")["options"], 60)
-        assert app.worker.wait_idle(IDLE_S)
+        idle(app)
         assert session(app).effects == ()
         assert not page.notifications
 

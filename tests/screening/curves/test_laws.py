@@ -261,7 +261,6 @@ def test_other_laws_are_told_of_the_right_joint(name: str, number: int) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(FORMS) - {"root_of_angle", "bent_scale", "worn_on_the_way"}))
 def test_each_law_is_told_once(name: str) -> None:
     """In one of three arms at least: some sets are too faint, or an effect of the catalogue explains as much."""

@@ -39,7 +39,6 @@ def ripple() -> Dataset:
 
 
 @pytest.mark.thorough
-@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["rb5", "panda"])
 def test_noise_alone_teaches_nothing(robot: str) -> None:
     for seed in range(5):
@@ -99,7 +98,6 @@ def test_nothing_is_written_where_nothing_was_learned(tmp_path: Path, capsys) ->
     assert not curves.exists()
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_a_real_arm_ends_near_what_its_data_can_give() -> None:
     """A UR10 under a tracker; an independent fit reached 0.139 mm, the five-parameter model alone 0.43 mm."""
@@ -108,7 +106,6 @@ def test_a_real_arm_ends_near_what_its_data_can_give() -> None:
     assert test_rmse_mm(found.calibration) < 0.16
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 4])
 @pytest.mark.thorough
 def test_fifty_poses_of_a_real_arm_end_with_curves_although_names_are_tied(seed: int) -> None:
