@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -322,7 +321,7 @@ def write_targets(path: Path, q: np.ndarray, **more: object) -> Path:
 
 
 @pytest.mark.slow
-def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path) -> None:
+def test_the_command(cell: Path, tmp_path: Path) -> None:
     q = np.array([[0.3, 0.4, 1.1, 0.2, 0.9, 0.1], [-1.0, 0.2, 1.4, 0.5, -1.1, 2.0]])
     joints = write_targets(tmp_path / "targets.csv", q, pose=["grip", "place"], note=["a", "b"])
     out = tmp_path / "corrected.csv"
@@ -354,9 +353,7 @@ def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: P
     assert written["reached"].tolist() == [True, False]
     assert written.loc[1, [f"q{k}_deg" for k in range(1, 7)]].isna().all()
     assert "1 pose is outside the joint ranges that were trained" in words
-    arguments = ["correct", str(cell), "--joints", str(joints), "--out", str(out), "--json"]
-    assert main(arguments) == 1
-    document = json.loads(capsys.readouterr().out)
+    document = answered("correct", cell, "--joints", joints, "--out", out, code=1)
     assert [one["pose"] for one in document["not_reached"]] == document["outside"] == ["2"]
     assert "stands at its limit" in document["not_reached"][0]["why"]
     assert document["targets"][1]["q"] is None
@@ -372,24 +369,23 @@ def test_the_command_refuses_in_one_line(cell: Path, tmp_path: Path) -> None:
     empty.write_text(f"{header}\n")
     out = tmp_path / "out.csv"
 
-    def refused(folder: Path, joints: Path, *more: str) -> str:
-        captured = refused("correct", folder, "--joints", joints, "--out", out, *more)
-        assert not out.exists()
-        return captured
-
-    assert "no such file" in refused(cell, tmp_path / "nowhere.csv")
-    assert "missing column q6_deg" in refused(cell, short)
-    assert "line 2, column q1_deg: found 'many'" in refused(cell, odd)
-    assert "no row below the header" in refused(cell, empty)
+    for joints, says in (
+        (tmp_path / "nowhere.csv", "no such file"),
+        (short, "missing column q6_deg"),
+        (odd, "line 2, column q1_deg: found 'many'"),
+        (empty, "no row below the header"),
+    ):
+        assert says in refused("correct", cell, "--joints", joints, "--out", out)
     # A calibration that made the test poses worse is not put on a robot, unless forced.
     dataset = load_dataset(cell)
     nominal = elementary_points(dataset.robot, dataset.poses.q)
     is_test = dataset.poses.is_test
     xyz = np.where(is_test[:, None], nominal, dataset.points.xyz_mm)
     write_dataset(dataset.with_points(replace(dataset.points, xyz_mm=xyz)), tmp_path / "worse")
-    assert "the test poses got worse" in refused(tmp_path / "worse", good)
-    arguments = ["correct", str(tmp_path / "worse"), "--joints", str(good), "--out", str(out), "--force"]
-    assert main(arguments) == 0
+    arguments = ("correct", tmp_path / "worse", "--joints", good, "--out", out)
+    assert "the test poses got worse" in refused(*arguments)
+    assert not out.exists()
+    printed(*arguments, "--force")
     assert out.exists()
 
 

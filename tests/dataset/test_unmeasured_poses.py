@@ -16,7 +16,6 @@ from calib.errors import DatasetError
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
 from calib.present.over_time.checks import item_sentence
-from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
 
 
@@ -70,14 +69,6 @@ def test_check_and_diagnosis_take_them_as_a_note(folder: Path) -> None:
     assert "no point for 2 of 40 poses" in item_sentence(item)
     assert checked.passed
     assert diagnose(dataset).headline
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", ["calibrate", "diagnose"])
-def test_the_commands_print_it(folder: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    hide(folder, [5, 39])
-    assert main([command, str(folder)]) == 0
-    assert "inspector: note: " in capsys.readouterr().err
 
 
 def test_no_point_at_all_is_an_error(folder: Path) -> None:

@@ -14,7 +14,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset_import.import_dataset import write_plan
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.tool_offset import with_tool_offset
-from calib.dataset_import.typed_values import typed_length_mm
+from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
 from calib.kinematics.chain import target_points
 from calib.kinematics.tool_point import tool_point_of
 from calib.present.fit.dataset import first_rows, preview
@@ -157,3 +157,14 @@ def test_a_typed_length(text: str, value: float) -> None:
 def test_what_is_no_length(text: str) -> None:
     with pytest.raises(ValueError, match="is no standard deviation"):
         typed_length_mm(text)
+
+
+@pytest.mark.parametrize("text", ["1,2,3", "1, 2, 3 mm", "1 2 3", "1;2;3"])
+def test_a_typed_point(text: str) -> None:
+    assert typed_point_mm(text) == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "a,b,c", "1,2,inf", "1_0,2,3"])
+def test_what_is_no_point(text: str) -> None:
+    with pytest.raises(ValueError, match="is no point"):
+        typed_point_mm(text)

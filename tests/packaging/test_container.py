@@ -8,7 +8,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import pytest
 
 from inspector.cli.commands import commands
 from inspector.cli.parser import parser_of
-from inspector.server.viser_server import origin_allowed, start_server
+from inspector.server.viser_server import origin_allowed
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "Dockerfile").read_text(encoding="utf-8")
@@ -41,10 +40,6 @@ def port() -> str:
     return given("EXPOSE")
 
 
-def health_check() -> list[str]:
-    return json.loads(given("HEALTHCHECK").partition("CMD ")[2])
-
-
 def test_it_runs_as_a_user_of_its_own():
     names = [step for step, _ in STEPS]
     assert names.index("USER") < names.index("ENTRYPOINT")
@@ -66,20 +61,6 @@ def test_the_page_may_talk_to_it_through_a_port_of_the_host(outside: str):
     assert origin_allowed(f"http://{outside}", outside, bound_host="0.0.0.0")
     assert not origin_allowed("http://page.example", outside, bound_host="0.0.0.0")
     assert not origin_allowed("http://page.example:8080", "page.example:8080", bound_host="0.0.0.0")
-
-
-def test_the_health_check_tells_a_server_from_none():
-    _, option, program = health_check()
-    assert health_check()[0] == "python"
-    assert f":{port()}/" in program
-    server = start_server(port=0)
-    try:
-        there = program.replace(f":{port()}/", f":{server.get_port()}/")
-        assert subprocess.run([sys.executable, option, there], check=False).returncode == 0
-    finally:
-        server.stop()
-    gone = subprocess.run([sys.executable, option, there], capture_output=True, check=False)
-    assert gone.returncode == 1
 
 
 def test_its_steps_are_shell_and_name_the_systems_libraries_of_run():

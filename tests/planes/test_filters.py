@@ -14,9 +14,7 @@ from calib.planes.filters import (
     filter_2,
     filter_3,
     triangle_normals,
-    walk_for,
 )
-from calib.statistics import rms_length
 
 UP = np.array([0.0, 0.0, 1.0])
 SQUARE = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0], [4, 4, 0]])  # each point 2.83 from the centroid
@@ -92,20 +90,6 @@ def test_local_sets_are_neighbours_and_random_ones_are_not() -> None:
     assert reach(local).max() < 320  # 20 of 4000 points lie within about 40: at most 8 such steps
     assert np.median(reach(local)[:500]) < np.median(reach(local)[500:]) / 1.5  # two scales
     assert np.median(reach(anywhere)) > 300
-
-
-@pytest.mark.parametrize("distance", [80.0, 120.0])
-def test_a_longer_walk_strays_as_far_as_it_should(distance: float) -> None:
-    x, y = np.meshgrid(np.arange(-100.0, 101.0), np.arange(-100.0, 101.0))
-    points = 10 * np.column_stack([x.ravel(), y.ravel()])
-    radius, neighbours = cKDTree(points).query(points, k=20)
-    middle = np.argmin(np.sum(points**2, axis=1))
-    steps = walk_for(distance, float(np.median(radius[:, -1])))
-    rng = np.random.default_rng(1)
-    at = np.full(4000, middle)
-    for _ in range(steps):
-        at = neighbours[at, rng.integers(20, size=len(at))]
-    assert rms_length(points[at]) == pytest.approx(distance, rel=0.15)
 
 
 def test_the_same_generator_draws_the_same_sets() -> None:

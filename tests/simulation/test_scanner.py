@@ -59,20 +59,6 @@ def fitted_planes(simulated: SimulatedScan) -> tuple[NDArray, NDArray]:
     return np.array(normals), np.array(offsets)
 
 
-@pytest.mark.parametrize("convex", [True, False])
-@pytest.mark.parametrize("angles_deg", [(90.0, 90.0, 90.0), (90.5, 90.0, 88.0)])
-def test_jig_has_its_edges_and_angles(convex: bool, angles_deg: tuple[float, float, float]) -> None:
-    edges, normals = jig_geometry(Jig(edge_mm=60.0, convex=convex, face_angles_deg=angles_deg))
-    np.testing.assert_allclose(np.linalg.norm(edges, axis=1), 60.0)
-    for i, j, angle_deg in ((0, 1, angles_deg[0]), (1, 2, angles_deg[1]), (2, 0, angles_deg[2])):
-        assert normals[i] @ normals[j] == pytest.approx(-np.cos(np.radians(angle_deg)), abs=1e-12)
-    for i in range(3):  # face i holds the two edges that are not edge i, and looks at the scanner, which is at -z
-        assert abs(edges[(i + 1) % 3] @ normals[i]) < 1e-9
-        assert abs(edges[(i + 2) % 3] @ normals[i]) < 1e-9
-        assert normals[i, 2] < 0
-    assert np.all(edges[:, 2] > 0) == convex
-
-
 def test_impossible_corner_is_refused() -> None:
     with pytest.raises(CornerError, match="no corner has faces at"):
         jig_geometry(Jig(face_angles_deg=(20.0, 20.0, 20.0)))
@@ -102,16 +88,6 @@ def test_without_noise_the_points_are_on_the_faces() -> None:
         assert np.abs(error_mm).max() < 1e-9
 
 
-@pytest.mark.slow
-def test_points_stay_within_their_face() -> None:
-    simulated = scan(scan_sigma_mm=0.0)
-    edges, _ = jig_geometry(Jig())
-    on_faces = simulated.scan.points_mm[simulated.label > 0]
-    along = (on_faces - simulated.apex_mm) @ placed(APEXES_MM[0])[:3, :3] @ edges.T / 60.0**2  # edges are perpendicular
-    assert np.all(along > -1e-6)
-    assert np.all(along.sum(axis=1) < 1.0 + 1e-4)
-
-
 @pytest.mark.parametrize("jig", [Jig(), Jig(convex=False), Jig(edge_mm=40.0), Jig(face_angles_deg=(90.4, 89.7, 90.0))])
 def test_three_planes_meet_in_the_true_apex(jig: Jig) -> None:
     simulated = scan(APEXES_MM[1], jig=jig, points=50_000)
@@ -136,31 +112,6 @@ def test_flying_pixels_are_the_wanted_share_of_the_edges_and_lie_between() -> No
     assert flying_mm[:, 2].max() < solid_mm[:, 2].max() + 0.1
     off_face_mm = np.abs((flying_mm - few.apex_mm) @ few.normals.T).min(axis=1)
     assert np.median(off_face_mm) > 1.0
-
-
-def test_projector_shadow_falls_behind_the_jig_not_on_it() -> None:
-    # Grids of one size: with and without shadow they would differ, so compare shares of what is not lost.
-    lit, shaded = scan(baseline_mm=0.0), scan(baseline_mm=120.0)
-    assert np.mean(shaded.label > 0) > 1.1 * np.mean(lit.label > 0)
-    near_mm = [np.abs(s.scan.points_mm[s.label > 0] - s.apex_mm).max(axis=0) for s in (lit, shaded)]
-    np.testing.assert_allclose(near_mm[0], near_mm[1], atol=3.0)
-
-
-def test_grazing_faces_fade_out() -> None:
-    steep, gone = (
-        simulate_scan(placed(APEXES_MM[0], tilt, turn), rng=np.random.default_rng(1), model=ScanModel(baseline_mm=0.0))
-        for tilt, turn in ((20.0, 180.0), (40.0, 180.0))
-    )
-    fewest = [min(np.sum(s.label == face) for face in (1, 2, 3)) for s in (steep, gone)]
-    assert fewest[0] > 100
-    assert fewest[1] == 0
-
-
-def test_outliers_replace_their_share() -> None:
-    simulated = scan(outlier_share=0.5, flying_share=0.0)
-    # A pixel that sees nothing, or is lost, gives no outlier either.
-    assert np.mean(simulated.label == FLYING) == pytest.approx(0.5, abs=0.02)
-    assert np.all(np.isfinite(simulated.scan.points_mm))
 
 
 @pytest.mark.slow

@@ -165,17 +165,6 @@ def test_its_noise_has_the_covariance_that_is_told(instrument: str) -> None:
     assert np.mean(np.trace(told, axis1=1, axis2=2)) / 3.0 == pytest.approx(0.05**2)
 
 
-def test_one_attitude_holds_on_a_grid() -> None:
-    rng = np.random.default_rng(3)
-    session = next(
-        s for s in (draw_session(ARMS["cobot 7R"], rng, count=40, one_attitude=True) for _ in range(20)) if s
-    )
-    nominal = stand(session.make.build(), session.q, session.still)
-    turned = np.abs(nominal.body[-1].turn @ nominal.body[-1].turn[0])  # |cos| of half the turn between two attitudes
-    np.testing.assert_allclose(turned, 1.0, atol=1e-8)
-    assert np.ptp(nominal.tip, axis=0).min() > 100.0
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("law", sweep(LAWS, every_run=list(LAWS)[::6]))
 def test_a_cause_is_seen_as_it_was_asked_for(law: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -168,13 +168,3 @@ def test_a_link_s_mesh_hides_as_it_is_and_not_as_its_capsule(tmp_path: Path) -> 
     closed = replace(cell, bodies=workcell_of_dataset(ringed).bodies)
     bodies = replace(closed.bodies, hides=cell.bodies.hides, meshes={5: load_link_mesh(ringed, 5)})
     assert set(measurable(replace(cell, bodies=bodies), dataset.poses.q).reason) == {HIDDEN}
-
-
-def test_what_is_assumed_for_joints_without_limits_is_told_of_their_kinds_only() -> None:
-    robot = load_robot_toml(ROOT / "calib" / "robots" / "rb5.toml")
-    free = tuple(replace(joint, min=None, max=None) for joint in robot.joints)
-    slide = replace(free[0], type="prismatic")
-    turning = workcell_of_robot(replace(robot, joints=free)).notes
-    assert any(note.endswith("half a turn either way is assumed") for note in turning)
-    both = workcell_of_robot(replace(robot, joints=(slide, *free[1:]))).notes
-    assert any(note.endswith("half a turn either way, or 0 to 500 mm is assumed") for note in both)

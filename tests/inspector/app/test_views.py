@@ -9,7 +9,6 @@ import pytest
 
 from calib.array_types import Array
 from inspector.app.app import App
-from inspector.scene.scene_view import ROOT
 from inspector.session.view import FRONT, RESET, SIDE, TOP
 from tests.support.app import IDLE_S, idle
 from tests.support.tiny_dataset import write_tiny
@@ -85,19 +84,3 @@ def test_the_arm_is_looked_at_from_its_front_its_side_and_above(app: App) -> Non
     app.look_from(RESET)
     idle(app)
     np.testing.assert_allclose(eye(app)[0], usual, atol=1e-9)
-
-
-def test_a_floor_and_a_bar_of_the_length_that_it_says(app: App) -> None:
-    with WireClient(app.server.get_port()) as page:
-        for tab, words in (("Model/Fit", " mm"), ("Measure/Scans", " mm")):
-            after(app, tab)
-            page.wait(lambda p, words=words: words in p.scene[f"{ROOT}/scale/label"]["props"]["text"])  # type: ignore[misc]
-            said = page.scene[f"{ROOT}/scale/label"]["props"]["text"]
-            bar = np.asarray(page.scene[f"{ROOT}/scale/bar"]["props"]["points"], dtype=float).reshape(-1, 2, 3)[0]
-            assert 1000 * np.linalg.norm(bar[1] - bar[0]) == pytest.approx(float(said.split()[0]), rel=1e-4)
-        after(app, "Model/Fit")
-        grid = page.scene[f"{ROOT}/floor/grid"]
-        assert grid["props"]["cell_size"] == pytest.approx(0.1)
-        page.wait(lambda p: p.scene[f"{ROOT}/floor"]["visible"])
-        after(app, "Measure/Scans")
-        page.wait(lambda p: not p.scene[f"{ROOT}/floor"]["visible"])

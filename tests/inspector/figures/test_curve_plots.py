@@ -60,15 +60,6 @@ def test_the_curve_its_band_and_the_measured_inputs_are_as_given() -> None:
     assert high > np.nanmax(numbers(upper.y))
 
 
-def test_grey_is_what_was_not_measured() -> None:
-    figure = joint_curves([OVER_ANGLE], ROBOT)
-    (below, above) = figure.layout.shapes
-    assert (below.x0, below.x1) == pytest.approx((np.degrees(-1.0), np.degrees(-0.8)))
-    assert (above.x0, above.x1) == pytest.approx((np.degrees(0.8), np.degrees(1.0)))
-    (outside,) = traces(figure, "outside")
-    assert np.isfinite(numbers(outside.y))[~OVER_ANGLE.inside].all()
-
-
 def test_what_is_far_outside_does_not_flatten_the_curve() -> None:
     wild = replace(OVER_ANGLE, value=np.where(OVER_ANGLE.inside, OVER_ANGLE.value, 1.0))
     low, high = joint_curves([wild], ROBOT).layout.yaxis.range

@@ -19,14 +19,12 @@ from inspector.figures.plots import (
     pose_residuals,
 )
 from inspector.figures.residual_plots import (
-    MEDIAN,
     SELECTED,
     added_variable,
     place_views,
     residual_against,
     select,
 )
-from inspector.figures.style import shortened
 
 NAMES = ("a1", "alpha2", "theta3", "d6", "aTCP")
 
@@ -115,20 +113,6 @@ def test_every_value_of_every_figure_is_one_that_plotly_knows_and_every_axis_has
         assert all("mm" in title or "°" in title for title in titles)
 
 
-def test_what_is_left_shows_test_poses_apart_and_stops_its_line_at_gaps() -> None:
-    fig = _against(smooth=([1.0, 2.0, np.nan, 4.0], [0.1, 0.2, np.nan, 0.3]))
-    by_name = {trace.name: trace for trace in fig.data}
-    train, test = by_name["training"], by_name["test"]
-    assert list(train.customdata) == ["p1", "p3", "p4"]
-    assert list(test.customdata) == ["p2"]
-    assert (train.marker.symbol, train.marker.color) != (test.marker.symbol, test.marker.color)
-    line = by_name[MEDIAN]
-    assert list(line.y) == [0.1, 0.2, None, 0.3]
-    assert line.connectgaps is False
-    assert [size > 0 for size in line.marker.size] == [False, False, False, True]  # alone: a dash
-    assert (fig.layout.shapes[0].y0, fig.layout.shapes[0].y1) == (0.0, 0.15)
-
-
 def _ringed(fig: go.Figure) -> list[tuple[float | None, float | None]]:
     return [(ring.x[0], ring.y[0]) for ring in fig.data if ring.name == SELECTED]
 
@@ -144,28 +128,6 @@ def test_selection_moves_a_ring_and_nothing_else() -> None:
     assert _ringed(both) == [(600.0, 700.0), (600.0, 800.0)]
     bars = pose_residuals(["p1", "p2"], ["train", "train"], [0.1, 0.2], selected="p1")
     assert list(outline(bars, "p2").data[0].marker.line.width) == [0, 2]
-
-
-LONG = "pose_number_17_with_a_name_that_is_sixty_characters_long_abc"
-
-
-def test_long_names_leave_the_figure_its_room_and_are_whole_on_hover() -> None:
-    bars = pose_residuals([LONG, "p2"], ["train", "train"], [0.1, 0.2])
-    assert [len(text) for text in bars.layout.xaxis.ticktext] == [12, 2]
-    many = pose_residuals([LONG.replace("17", f"{k}") for k in (8, 17, 18)], ["train"] * 3, [0.1, 0.2, 0.3])
-    assert list(many.layout.xaxis.ticktext) == ["…8…", "…17…", "…18…"]
-    assert LONG in bars.data[0].x
-    steps = error_history(["nominal", f"+ {LONG}"], [1.0, 0.1], [1.0, 0.2], None)
-    assert steps.layout.xaxis.ticktext[0] == "nominal"
-    assert len(steps.layout.xaxis.ticktext[1]) <= 22
-    assert f"+ {LONG}" in steps.data[0].customdata
-    assert LONG not in added_variable([1.0], [1.0], LONG).layout.xaxis.title.text
-    assert shortened("transmission_error") == "transmission_error"
-    assert shortened("<b>" * 20) == html.escape(shortened_by_hand("<b>" * 20))
-
-
-def shortened_by_hand(name: str) -> str:
-    return f"{name[:11]}…{name[-10:]}"
 
 
 def test_of_two_hundred_poses_few_are_named_on_the_axis() -> None:

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import places_by_role, residual_against
 from inspector.figures.svg.axis import axis_of
 from inspector.figures.svg.figure import svg_of
@@ -58,16 +57,6 @@ def test_points_stand_where_the_axes_say() -> None:
     assert HOSTILE not in svg
     band = next(r for r in parsed(svg).iter("rect") if "138,143,152,0.22" in (r.get("fill") or ""))
     assert float(band.get("height") or 0) == pytest.approx(2.0 * abs(fit_y[0]), abs=0.3)
-
-
-def test_an_axis_of_powers_is_even_in_them() -> None:
-    svg = svg_of(error_history(["a", "b"], [10.0, 0.1], [1.0, 0.2], 0.05), WIDTH, HEIGHT, name="f", title="t")
-    up = ticks(svg, "end")
-    assert up[1.0] - up[10.0] == pytest.approx(up[0.1] - up[1.0], abs=0.3)
-    points = [float(c.get("cy") or 0) for c in parsed(svg).iter("circle") if c.find("title") is not None]
-    assert points[:2] == pytest.approx([up[10.0], up[0.1]], abs=0.2)
-    assert "var(--ink)" not in svg or "#24292F" not in svg
-    assert 'stroke-dasharray="7 5"' in svg
 
 
 @given(st.floats(-1.0, 1.0))

@@ -121,23 +121,6 @@ def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireCl
     page.wait(lambda p: f"3D error of {NOMINAL}" in plain(p))
 
 
-def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: WireClient) -> None:
-    app.select(3)
-    idle(app)
-    points = app.state.now.session.dataset.points
-    expected = points.xyz_mm[points.pose == 3].mean(axis=0)
-    page.wait(
-        lambda p: np.allclose(1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), expected, atol=1e-3)
-    )
-    batches = [page.scene[f"{ROOT}/{name}"] for name in ("arm/cylinders", "corners/dots")]
-    app.select(0)
-    idle(app)
-    first = points.xyz_mm[points.pose == 0].mean(axis=0)
-    page.wait(lambda p: np.allclose(1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), first, atol=1e-3))
-    assert page.scene[f"{ROOT}/arm/cylinders"] is batches[0]  # moved, not added anew
-    assert page.scene[f"{ROOT}/corners/dots"] is batches[1]
-
-
 def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireClient) -> None:
     app.open("cell")
     idle(app)

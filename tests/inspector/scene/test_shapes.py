@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 
 from inspector.scene.scene_view import M_PER_MM, to_scene
 from inspector.scene.shapes import (
-    disc,
     ellipsoids,
-    facing,
     jig_edges,
     thin,
 )
@@ -50,16 +48,6 @@ def test_ellipsoid_gives_back_the_covariance() -> None:
     for i in range(5):
         axes = viser.transforms.SO3(wxyz[i]).as_matrix()
         np.testing.assert_allclose(axes @ np.diag((half[i] / 100) ** 2) @ axes.T, covariance[i], atol=1e-9)
-
-
-def test_discs_face_along_the_normals() -> None:
-    normals = np.random.default_rng(2).normal(size=(20, 3))
-    normals = np.vstack([normals / np.linalg.norm(normals, axis=1, keepdims=True), np.eye(3), -np.eye(3)])
-    for wxyz, normal in zip(facing(normals), normals, strict=True):
-        np.testing.assert_allclose(viser.transforms.SO3(wxyz).apply(np.array([0, 0, 1.0])), normal, atol=1e-9)
-    vertices, faces = disc()
-    assert np.ptp(vertices[:, 2]) == 0
-    assert faces.max() < len(vertices)
 
 
 def test_jig_edges_are_where_faces_meet_and_point_along_the_jig() -> None:

@@ -114,14 +114,6 @@ def test_what_cannot_be_is_told(without: Session, change: object, pose: str, mes
         change(without, pose)  # type: ignore[operator]
 
 
-def test_too_few_poses_left_is_told_and_changes_nothing(fitted: Session) -> None:
-    poses = fitted.dataset.poses
-    train = [pose_id for pose_id, test in zip(poses.ids, poses.is_test, strict=True) if not test]
-    few = replace(fitted, left_out=tuple(train[9:]))
-    with pytest.raises(CalibError, match="measure at least"):
-        with_poses_left_out(few, train[0])
-
-
 # ---- the file --------------------------------------------------------------------------------------------------------
 
 

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from calib import calibrate
-from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import CalibError
 from calib.present.fit.calibration import last_change
 from calib.rendering.blocks import plain
@@ -31,26 +29,6 @@ def added(ranked: Session) -> Session:
 
 def labels(session: Session) -> list[str]:
     return [step.label for step in session.history]
-
-
-def test_an_effect_is_added_as_the_screening_proposes_it(ranked: Session, added: Session) -> None:
-    best = ranked.screening.candidates[0]
-    assert best.name == HIDDEN
-    again = calibrate(ranked.dataset, effects=best.members, prior_sigmas=best.prior_sigmas)
-    assert added.calibration.fit.x == pytest.approx(again.fit.x, rel=1e-9)
-    assert labels(added) == ["nominal", GEOMETRY, f"+ {HIDDEN}"]
-    assert added.history[-1].test_rmse_mm < 0.5 * added.history[-2].test_rmse_mm
-    assert added.screening is None  # it was of the model before
-
-
-def test_the_headline_tells_of_the_model_on_show(ranked: Session, added: Session) -> None:
-    errors_mm = [stage.error_mm for stage in added.headline.stages]
-    assert errors_mm == [step.test_rmse_mm for step in added.history]
-    assert added.headline.stages[-1].effects == (HIDDEN,)
-    assert ranked.headline.stages[-1].effects == ()
-    out = sessions.without_effect(added, HIDDEN).headline
-    assert out.stages[-1].name == "with calibrated links"
-    assert replace(added, steps=()).headline is None
 
 
 def test_taking_the_effect_out_gives_the_old_fit_back(ranked: Session, added: Session) -> None:

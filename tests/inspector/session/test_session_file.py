@@ -141,22 +141,6 @@ def test_a_changed_dataset_is_told_in_one_line_and_the_fit_is_of_what_is_there(
     assert again.calibration is not None
 
 
-def test_a_session_names_the_files_that_were_fitted_not_those_of_now(
-    worked_on: Session, folder: Path, tmp_path: Path
-) -> None:
-    there = tmp_path / "cell"
-    shutil.copytree(folder, there)
-    fitted = replace(worked_on, dataset=replace(worked_on.dataset, folder=there))
-    for name in ("robot.toml", "points.csv"):
-        with (there / name).open("a") as file:
-            file.write("\n")
-        save_session(tmp_path / "s.json", fitted)
-        files = load_session(tmp_path / "s.json").origin.files
-        assert files == fingerprint(worked_on.dataset)
-    _, notes = opened(tmp_path / "s.json", there)
-    assert notes == ("The dataset has changed since the session was saved: robot.toml, points.csv.",)
-
-
 def test_every_file_that_a_fit_reads_counts(folder: Path, tmp_path: Path) -> None:
     there = tmp_path / "cell"
     shutil.copytree(folder, there)

@@ -31,25 +31,6 @@ def given(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_it_says_what_it_took_columns_for(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = [
-        "import",
-        str(given / "cell"),
-        "--robot",
-        str(given / "arm.urdf"),
-        "--joints",
-        str(given / "log.csv"),
-    ]
-    assert main(arguments) == 0
-    said = capsys.readouterr().out
-    assert "for rad" in said
-    assert "taken for m" in said
-    assert "40 poses (1 reference, 29 train, 10 test)" in said
-    assert answered("calibrate", given / "cell")["test"]["rmse_mm"] < 0.2
-    assert "not empty" in refused(*arguments)
-
-
-@pytest.mark.slow
 def test_the_one_json_object_has_what_was_recognised(given: Path) -> None:
     arguments = ["--robot", "rb5", "--joints", str(given / "log.csv"), "--map", "z=z_m", "--json"]
     assert "have different units" in refused("import", given / "cell", *arguments)
