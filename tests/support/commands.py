@@ -29,8 +29,8 @@ def answered(*arguments: object, code: int = 0) -> dict[str, Any]:
 
 
 def refused(*arguments: object) -> str:
-    """The one line on stderr with which `inspector` refuses these arguments; exit code 2, nothing on stdout."""
-    for extra in ([], ["--json"]):
+    """The one line on stderr with which `inspector` refuses these arguments, with --json too; exit code 2."""
+    for extra in ([],) if arguments[0] == "serve" else ([], ["--json"]):
         out, err = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             assert main([*map(str, arguments), *extra]) == 2

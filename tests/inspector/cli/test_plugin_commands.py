@@ -56,7 +56,7 @@ class Note(CalibrateAddition):
     def files(self, fit):
         return {self.asked.note: f"{fit.dataset.name}, {self.command.residual}"}
 
-    def told(self):
+    def told(self, fit):
         return {"note": str(self.asked.note)}, "A note was written."
 '''
 
