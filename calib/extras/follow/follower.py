@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset
 from calib.errors import DatasetError
 from calib.extras.follow.arrivals import FolderState
-from calib.extras.follow.campaign import Campaign, UnknownName, with_arrivals
+from calib.extras.follow.campaign import Campaign, with_arrivals
 from calib.extras.follow.judgement import PoseJudgement
 from calib.options import FitOptions
 from calib.scans.scan import scan_file
@@ -35,8 +34,7 @@ class News:
 
     judged: tuple[PoseJudgement, ...] = ()
     fault: str = ""  # of a table, told once; the campaign stays as it was
-    moved: bool = False  # an instrument or target was found to have moved
-    unknown: tuple[UnknownName, ...] = ()  # names that poses.csv does not have (yet), told once each
+    unknown: tuple[str, ...] = ()  # names that poses.csv does not have (yet), told once each
 
 
 class CampaignFollower:
@@ -56,7 +54,7 @@ class CampaignFollower:
         self._fault: tuple[str, float] | None = None  # and since when
         self._told = ""
         self._waiting: set[str] = set()  # poses whose scan cannot be read yet
-        self._unknown: tuple[UnknownName, ...] = ()
+        self._unknown: tuple[str, ...] = ()
         self._gone_since: float | None = None  # since when rows that were read are missing from the tables
 
     def look(self, now_s: float) -> News:
@@ -80,15 +78,14 @@ class CampaignFollower:
             self.campaign = replace(self.campaign, unknown=unknown)
         searched = dataset.points is None and self._search_new(dataset)
         before = self.campaign
-        if before is not None and not searched and _is_alike(self._read, self._taken):
+        if before is not None and not searched and _content(self._read) == _content(self._taken):
             return News(unknown=strange)
         self._taken = self._read
         searches = of_one_jig(self.searches, dataset.jig).searches
         self.campaign, judged = with_arrivals(
             before or Campaign(dataset, unknown=unknown), self._read, searches, self.options
         )
-        moved = len(self.campaign.shifts) > (0 if before is None else len(before.shifts))
-        return News(judged, moved=moved, unknown=strange)
+        return News(judged, unknown=strange)
 
     @property
     def is_at_rest(self) -> bool:
@@ -130,20 +127,19 @@ class CampaignFollower:
         self._read, self._tables, self._gone_since = read, tables, None
         return ""
 
-    def _names_unknown(self, arriving: ArrivingDataset) -> tuple[UnknownName, ...]:
+    def _names_unknown(self, arriving: ArrivingDataset) -> tuple[str, ...]:
         """Names in points.csv, and settled files of scans, that poses.csv does not have."""
-        dataset, file = arriving.dataset, arriving.points_file
-        ids = dataset.poses.ids
-        found = [UnknownName(name, file, _near(name, ids)) for name in arriving.unknown]
+        dataset, found = arriving.dataset, list(arriving.unknown)
         if dataset.points is not None or dataset.scan_folder is None:
             return tuple(found)
-        named = {scan_file(path) for i in range(len(ids)) if (path := dataset.scan_path(i)) is not None}
+        paths = map(dataset.scan_path, range(len(dataset.poses)))
+        named = {scan_file(path) for path in paths if path is not None}
         kinds = {path.suffix.lower() for path in named}
         for path in sorted(self._state.files):
             if path.parent != self.folder / dataset.scan_folder or path in named or path.suffix.lower() not in kinds:
                 continue
             if not path.name.startswith(".") and self._state.settled(path) is not None:
-                found.append(UnknownName(f"{dataset.scan_folder}/{path.name}", "", _near(path.stem, ids)))
+                found.append(f"{dataset.scan_folder}/{path.name}")
         return tuple(found)
 
     def _search_new(self, dataset: Dataset) -> bool:
@@ -188,26 +184,10 @@ def _measured(arriving: ArrivingDataset) -> set[str]:
     return with_point | set(arriving.unseen) | set(arriving.unknown)
 
 
-def _near(name: str, ids: Sequence[str]) -> str:
-    """Pose whose name differs by case, blanks, leading zeros or signs between its parts alone; "" where none does."""
-    plain = _plain(name)
-    return next((pose_id for pose_id in ids if _plain(pose_id) == plain), "")
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"(?<!\d)0+(?=\d)", "", re.sub(r"[\W_]+", "", name.casefold()))
-
-
-def _is_alike(one: ArrivingDataset, other: ArrivingDataset | None) -> bool:
-    """Whether two readings of a folder hold the same poses and points."""
-    if other is None or one.unseen != other.unseen or one.dataset.read_files.keys() != other.dataset.read_files.keys():
-        return False
-    a, b = one.dataset, other.dataset
-    if a.poses.ids != b.poses.ids or (a.points is None) != (b.points is None):
-        return False
-    same = [np.array_equal(x, y) for x, y in ((a.poses.q, b.poses.q), (a.poses.setup, b.poses.setup))]
-    same += [np.array_equal(a.poses.role, b.poses.role)]
-    if a.points is not None and b.points is not None:
-        same += [np.array_equal(a.points.pose, b.points.pose), np.array_equal(a.points.xyz_mm, b.points.xyz_mm)]
-    tables = [name for name in a.read_files if Path(name).suffix.lower() == ".toml"]
-    return all(same) and all(a.read_files[name] == b.read_files[name] for name in tables)
+def _content(arriving: ArrivingDataset | None) -> tuple[object, ...]:
+    """What makes a reading of a folder another one: the tables, as far as their lines were read."""
+    if arriving is None:
+        return ()
+    points = arriving.dataset.points
+    rows = None if points is None else len(points)
+    return arriving.dataset.read_files, arriving.dataset.poses.ids, rows, arriving.unseen

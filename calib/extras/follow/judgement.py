@@ -12,11 +12,8 @@ from calib.array_types import Array, IndexArray
 from calib.brief import Brief
 from calib.calibration.promise import PointPromise, promise
 from calib.calibration.result import Calibration
-from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.statistics import chi2_ppf
-from calib.workcell.measurable import measurable
-from calib.workcell.workcell import Workcell
 
 State = Literal["good", "doubtful", "repeat"]
 Reason = Literal["", "not compared", "uncertain", "off", "no target", "unreadable", "not seen"]
@@ -25,16 +22,6 @@ FALSE_DOUBTS = 1e-4
 UNCERTAIN = 3.0
 """Sigma of a target over the median of the other poses' sigmas, from which it is doubtful."""
 _ENOUGH_TO_COMPARE = 5  # poses whose median sigma is one
-_TURNS_DEG = tuple(sign * turn for turn in (5, 10, 15, 20, 25, 30, 40, 50, 60) for sign in (1, -1))
-
-
-@dataclass(frozen=True)
-class JointTurn(Brief):
-    """Motion of one joint from a pose after which the instrument sees the whole target."""
-
-    joint: int  # index from 0
-    by: float  # rad, mm for a prismatic joint
-    blocked_by: str  # one of `calib.workcell.measurable.REASONS`: why the pose itself cannot be measured
 
 
 @dataclass(frozen=True)
@@ -45,7 +32,6 @@ class PoseJudgement(Brief):
     state: State
     reason: Reason
     failure: str = ""  # of the search in the scan
-    turn: JointTurn | None = None  # after which the target is seen, where it was not
     sigma_mm: float | None = None  # of the measured point by its own measurement, the worst target's
     error_mm: float | None = None  # measured minus predicted, three dimensions, the worst target's
     promised_mm: float | None = None  # standard deviation of such an error, root of the sum over the coordinates
@@ -55,37 +41,6 @@ class PoseJudgement(Brief):
         """What a change of makes the judgement worth telling again."""
         reason = "" if self.reason == "not compared" else self.reason
         return self.pose, self.state, reason, self.failure
-
-
-def judge_missing(search: CornerSearch, cell: Workcell | None, q: Array) -> PoseJudgement:
-    """Judgement of a pose whose scan shows no target: to be repeated, perhaps with one joint turned.
-
-    Args:
-        search: failed search in the scan.
-        cell: as far as the campaign's fit knows it; None before there is a fit.
-        q: (n,) joints of the pose.
-    """
-    reason: Reason = "unreadable" if search.unreadable else "no target"
-    turn = None if cell is None or search.unreadable else turn_to_see(cell, q)
-    return PoseJudgement("", "repeat", reason, failure=search.failure, turn=turn)
-
-
-def turn_to_see(cell: Workcell, q: Array) -> JointTurn | None:
-    """Least turn of one of the last three joints that makes a pose measurable; None where it is, or none does."""
-    blocked_by = str(measurable(cell, q).reason[0])
-    if not blocked_by:
-        return None
-    joints = range(len(q) - 1, max(len(q) - 4, -1), -1)
-    turns = [
-        (joint, float(np.radians(turn) if cell.robot.is_revolute[joint] else turn))
-        for turn in _TURNS_DEG
-        for joint in joints
-    ]
-    tried = np.tile(q, (len(turns), 1))
-    for row, (joint, by) in enumerate(turns):
-        tried[row, joint] += by
-    seen = np.flatnonzero(measurable(cell, tried).ok)
-    return JointTurn(*turns[int(seen[0])], blocked_by) if len(seen) else None
 
 
 def judge_found(dataset: Dataset, found: Sequence[str], calibration: Calibration | None) -> dict[str, PoseJudgement]:

@@ -13,9 +13,9 @@ from calib.extras.follow.present.campaign import (
     campaign_head,
     judgement_document,
     judgement_line,
-    shift_sentence,
+    moved_sentence,
     unknown_document,
-    unknown_sentences,
+    unknown_sentence,
 )
 from calib.present import to_dict
 from calib.rendering.text import block_text
@@ -47,8 +47,9 @@ def run_follow(options: FollowOptions) -> int:
     if follower.fault:
         raise DatasetError(follower.fault)
     if campaign is None or not campaign.judged:
-        strange = [] if campaign is None else unknown_sentences(campaign.unknown)
-        why = "; ".join(strange) or "points.csv, or the scans, are what is followed"
+        why = "points.csv, or the scans, are what is followed"
+        if campaign is not None and campaign.unknown:
+            why = unknown_sentence(campaign.unknown)
         raise DatasetError(f"{options.path}: nothing was measured; {why}")
     if not options.json:
         print(visible(block_text(*campaign_head(campaign, options.tolerance_mm))))
@@ -81,20 +82,16 @@ def _tell(options: FollowOptions, campaign: Campaign | None, news: News) -> None
     if campaign is None:
         return
     if options.json:
-        for name in news.unknown:
-            line = to_json(to_dict(unknown_document(campaign, name, options.tolerance_mm)))
-            print(line, file=options.stdout, flush=True)
-    else:
-        for sentence in unknown_sentences(news.unknown):
-            print(visible(sentence), flush=True)
-    for judged in news.judged:
-        if options.json:
-            line = to_json(to_dict(judgement_document(campaign, judged, options.tolerance_mm)))
-        else:
-            line = visible(judgement_line(campaign, judged))
-        print(line, file=options.stdout, flush=True)
-    if news.moved and not options.json:
-        print(visible(shift_sentence(campaign.shifts[-1])), flush=True)
-    elif news.judged and not options.json and campaign.outlook is not None and campaign.outlook.next:
+        documents = [unknown_document(campaign, name, options.tolerance_mm) for name in news.unknown]
+        documents += [judgement_document(campaign, judged, options.tolerance_mm) for judged in news.judged]
+        for document in documents:
+            print(to_json(to_dict(document)), file=options.stdout, flush=True)
+        return
+    lines = [unknown_sentence(news.unknown)] if news.unknown else []
+    for line in (*lines, *(judgement_line(campaign, judged) for judged in news.judged)):
+        print(visible(line), flush=True)
+    if news.judged and campaign.off_since:
+        print(visible(moved_sentence(campaign.off_since)), flush=True)
+    elif news.judged and campaign.outlook is not None and campaign.outlook.next:
         first = campaign.outlook.next[0].pose
         print(f"    next: {first}" if first else "", end="\n" if first else "", flush=True)

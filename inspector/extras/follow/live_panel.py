@@ -7,7 +7,7 @@ from collections.abc import Callable
 import viser
 
 from calib.extras.follow.campaign import Campaign
-from calib.extras.follow.present.campaign import campaign_head, latest_first, unknown_sentences
+from calib.extras.follow.present.campaign import campaign_head, latest_first, unknown_sentence
 from calib.rendering import html
 from inspector.extras.follow.campaign_plots import predicted_error
 from inspector.markup.parts import elements
@@ -50,8 +50,8 @@ class LivePanel:
     def update(self, campaign: Campaign, *, is_newer: bool) -> None:
         """Show a campaign; `is_newer`: it has poses that the dataset on show does not have."""
         if not campaign.judged:
-            strange = unknown_sentences(campaign.unknown)
-            self.say(". ".join(strange) if strange else WAITING, bad=bool(strange))
+            strange = campaign.unknown
+            self.say(unknown_sentence(strange) if strange else WAITING, bad=bool(strange))
             return
         self._state.content = html.panel(campaign_head(campaign))
         self._poses.content = html.panel([latest_first(campaign)])

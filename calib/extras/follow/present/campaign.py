@@ -9,10 +9,9 @@ import numpy as np
 
 from calib.calibration.noise_level import FIT, noise_level
 from calib.dataset.files.poses_csv import in_unit_of, joint_columns
-from calib.extras.follow.campaign import Campaign, UnknownName
-from calib.extras.follow.judgement import JointTurn, PoseJudgement
+from calib.extras.follow.campaign import Campaign
+from calib.extras.follow.judgement import PoseJudgement
 from calib.extras.follow.outlook import NextPose
-from calib.extras.follow.shift import Shift
 from calib.kinematics.robot import Robot
 from calib.planning.prediction import PAYS, STEP
 from calib.present.results import document, presentation
@@ -42,8 +41,8 @@ def campaign_head(campaign: Campaign, tolerance_mm: float | None = None) -> list
     told += f", doubtful: {numbers.listing(doubtful)}" if doubtful else ""
     told += f", to repeat: {numbers.listing(again)}" if again else ""
     blocks: list[Block] = [Verdict(f"{told}.", GOOD if not doubtful and not again else DOUBT)]
-    blocks += [Paragraph(shift_sentence(shift)) for shift in campaign.shifts]
-    blocks += [Paragraph(f"{sentence}.") for sentence in unknown_sentences(campaign.unknown)]
+    blocks += [Paragraph(moved_sentence(campaign.off_since))] if campaign.off_since else []
+    blocks += [Paragraph(f"{unknown_sentence(campaign.unknown)}.")] if campaign.unknown else []
     sentences = outlook_sentences(campaign, tolerance_mm)
     return [*blocks, *[Paragraph(sentence) for sentence in sentences]]
 
@@ -51,18 +50,10 @@ def campaign_head(campaign: Campaign, tolerance_mm: float | None = None) -> list
 _NAMES = 5  # that are told of many
 
 
-def unknown_sentences(unknown: Sequence[UnknownName]) -> list[str]:
-    """Sentences, without their full stops, on what was measured of poses that poses.csv does not have."""
-    sentences = []
-    for file in dict.fromkeys(name.file for name in unknown):
-        here = [name for name in unknown if name.file == file]
-        told = [f"{n.name} (much like {n.near})" if n.near else n.name for n in here]
-        names, one = numbers.listing(numbers.first_of(told, _NAMES)), len(here) == 1
-        if file:
-            sentences.append(f"{file} has {names}, which poses.csv does not (yet)")
-        else:
-            sentences.append(f"{names} {'is' if one else 'are'} of no pose that poses.csv has (yet)")
-    return sentences
+def unknown_sentence(unknown: Sequence[str]) -> str:
+    """Sentence, without its full stop, on what was measured of poses that poses.csv does not have."""
+    are = "is" if len(unknown) == 1 else "are"
+    return f"{numbers.listing(numbers.first_of(unknown, _NAMES))} {are} of no pose that poses.csv has (yet)"
 
 
 def latest_first(campaign: Campaign) -> Table:
@@ -80,7 +71,6 @@ def judgement_line(campaign: Campaign, judged: PoseJudgement) -> str:
 
 def _said(campaign: Campaign, judged: PoseJudgement) -> str:
     """What is said of a pose, and what to do where it is not good."""
-    robot = campaign.dataset.robot
     own = "" if judged.sigma_mm is None else f", sigma {numbers.length(judged.sigma_mm)}"
     match judged.reason:
         case "not seen":
@@ -88,7 +78,7 @@ def _said(campaign: Campaign, judged: PoseJudgement) -> str:
         case "unreadable":
             return f"{judged.failure}; export the scan again"
         case "no target":
-            return f"{judged.failure}{_turn(judged.turn, robot)}"
+            return judged.failure
         case "not compared":
             return f"found{own}; not compared yet: {campaign.why_no_fit or 'no fit'}"
         case "uncertain":
@@ -108,27 +98,11 @@ def _off(judged: PoseJudgement) -> str:
     return f"{error} from what the fit predicts (standard deviation {promised})"
 
 
-def _turn(turn: JointTurn | None, robot: Robot) -> str:
-    if turn is None:
-        return ""
-    size = numbers.signed(*((np.degrees(turn.by), ".0f") if robot.is_revolute[turn.joint] else (turn.by, ".0f")))
-    unit = "°" if robot.is_revolute[turn.joint] else " mm"
-    return f"; as the cell is known, {turn.blocked_by}: turn joint {turn.joint + 1} by {size}{unit} and measure again"
-
-
-def shift_sentence(shift: Shift) -> str:
-    """Sentence on an instrument or a target that was moved in the middle of a campaign, and what to do."""
-    by = numbers.length(shift.moved_mm)
-    left = f"without that they are off by {numbers.length(shift.off_mm)}, with it by {numbers.length(shift.left_mm)}"
-    if shift.what == "target":
-        return (
-            f"Since {shift.first} the target sits {by} elsewhere on the tool ({left}). These poses are fitted as of a "
-            "target of their own; fasten it, and measure from there on again."
-        )
-    turned = f", turned by {numbers.size(shift.turned_rad, 'rad')}" if shift.turned_rad > 1e-4 else ""
+def moved_sentence(since: str) -> str:
+    """Sentence on an instrument or a target that may have been moved in the middle of a campaign, and what to do."""
     return (
-        f"Since {shift.first} the instrument stands {by} elsewhere{turned} ({left}). Its poses are fitted with a place "
-        f"of their own; give them another name in the column setup of poses.csv."
+        f"All poses since {since} are off: the instrument or the target may have been moved. Was it the instrument, "
+        "give them another name in the column setup of poses.csv; a target has to be fastened, and they measured again."
     )
 
 
@@ -190,24 +164,14 @@ def judgement_document(campaign: Campaign, judged: PoseJudgement, tolerance_mm: 
         "sigma_mm": judged.sigma_mm,
         "error_mm": judged.error_mm,
         "promised_mm": judged.promised_mm,
-        "turn": None
-        if judged.turn is None
-        else {"joint": judged.turn.joint + 1, "by_deg": float(np.degrees(judged.turn.by))},
         **_outlook_document(campaign, tolerance_mm),
     }
 
 
-def unknown_document(campaign: Campaign, unknown: UnknownName, tolerance_mm: float | None = None) -> dict[str, Any]:
+def unknown_document(campaign: Campaign, name: str, tolerance_mm: float | None = None) -> dict[str, Any]:
     """Document of a name that poses.csv does not have: one line of `inspector follow --json`."""
-    return {
-        "pose": unknown.name,
-        "state": "unknown",
-        "why": unknown_sentences([unknown])[0],
-        "reason": "not in poses.csv",
-        "file": unknown.file or unknown.name,
-        "near": unknown.near or None,
-        **_outlook_document(campaign, tolerance_mm),
-    }
+    why = {"pose": name, "state": "unknown", "why": unknown_sentence([name]), "reason": "not in poses.csv"}
+    return {**why, **_outlook_document(campaign, tolerance_mm)}
 
 
 def _outlook_document(campaign: Campaign, tolerance_mm: float | None) -> dict[str, Any]:
@@ -224,8 +188,8 @@ def _outlook_document(campaign: Campaign, tolerance_mm: float | None) -> dict[st
             for n in outlook.next
         ],
         "enough": campaign.has_enough or campaign.is_within(tolerance_mm),
-        "shifts": list(campaign.shifts),
-        "unknown": [name.name for name in campaign.unknown],
+        "off_since": campaign.off_since,
+        "unknown": campaign.unknown,
     }
 
 
