@@ -20,6 +20,7 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.consistency.data_problem import DataProblem, FitVariant, Suspicions, problem_given_effects, suspicions
 from calib.consistency.hypotheses import DataHypothesis
+from calib.consistency.swapped_poses import swapped_poses
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.learning import learned_to_add
@@ -174,7 +175,7 @@ def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move 
         rival = diagnosis.noise.rival if diagnosis.noise is not None else ""
         rest = _clean_after_search(space.without(outliers), tell, rival, diagnosis.named)
         if rest is not None:
-            return LeaveOutPoses(_of_all_poses(rest, outliers), outliers)
+            return LeaveOutPoses(_of_all_poses(rest, outliers, space.dataset), outliers)
     return learned_to_add(space.without(last.left_out), diagnosis, tell)
 
 
@@ -249,11 +250,15 @@ def noise_is_believed(before: Diagnosis, again: Diagnosis) -> bool:
     return again.is_clean and set(before.missing) <= {*again.missing, *again.ambiguous_set}
 
 
-def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
-    """Diagnosis of a search without the outlying poses, with these poses recorded as outliers left out."""
+def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...], dataset: Dataset) -> Diagnosis:
+    """Diagnosis of a search without the outlying poses, with these poses recorded as outliers left out.
+
+    `dataset` has the points of these poses, too.
+    """
     all_outliers = tuple(dict.fromkeys([*outliers, *rest.all_tests.outlier_poses]))
     return replace(
         rest,
         all_tests=replace(rest.all_tests, outlier_poses=all_outliers),
         steps=tuple(replace(step, left_out=outliers) for step in rest.steps),
+        swapped=swapped_poses(rest.calibration, dataset, outliers),
     )

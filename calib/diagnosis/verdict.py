@@ -111,6 +111,7 @@ class Findings:
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
     learned: LearnedModel | None = None  # then its fit is the last step
     data_problem: DataProblem | None = None  # wrong signs, order, units, rows or robot table
+    swapped: tuple[tuple[str, str], ...] = ()  # pairs of outlying poses, each measured where the other has to be
 
     @property
     def calibration(self) -> Calibration:

@@ -108,6 +108,18 @@ def test_single_wrong_points_are_outliers() -> None:
     assert set(result.residual_tests.outlier_poses) == {dataset.poses.ids[i] for i in wrong}
 
 
+def test_two_swapped_measurements_are_told_as_swapped() -> None:
+    dataset = simulated(seed=2)
+    dataset = dataset.with_new_setups([dataset.poses.ids[45]])  # with one alone the rows are held against the joints
+    assert dataset.points is not None
+    one, other = (int(i) for i in np.flatnonzero(~dataset.poses.is_test)[[9, 30]])
+    row = np.arange(len(dataset.points))
+    row[[one, other]] = other, one
+    result = diagnose(dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm[row])))
+    assert result.swapped == ((dataset.poses.ids[one], dataset.poses.ids[other]),)
+    assert "are swapped: each lies where the other has to be" in result.summary()
+
+
 @pytest.mark.slow
 def test_an_extra_column_that_matters_is_found_as_an_input() -> None:
     dataset = simulated(seed=4)

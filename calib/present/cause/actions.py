@@ -128,8 +128,13 @@ def _to_measure(
             f"To tell {open_causes} apart, measure at these joints, in degrees: "
             f"{poses} (inspector plan --for split plans them)."
         )
-    if outlier_poses:
-        actions.append(f"Measure {numbers.listing(outlier_poses)} again: they stand out from all others.")
+    exchanged = () if diagnosis is None else diagnosis.swapped
+    swapped = {name for pair in exchanged for name in pair}
+    if exchanged:
+        pairs = [f"{one} and {other}" for one, other in exchanged]
+        actions.append(f"Exchange the measurements of {numbers.listing(pairs)}: each lies where the other has to be.")
+    if again := [name for name in outlier_poses if name not in swapped]:
+        actions.append(f"Measure {numbers.listing(again)} again: they stand out from all others.")
     if after.test is None:
         actions.append(
             "Measure some poses more and give them the role test in poses.csv: nothing confirms these figures yet."

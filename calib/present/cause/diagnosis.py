@@ -489,7 +489,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "leading_entry": leading_entry(last),
         **keys_of(
             diagnosis, "verdict", "missing", "suspected", "ambiguous_set", "far_test_poses", "steps", "learned",
-            "data_problem", "instrument_moved",
+            "data_problem", "instrument_moved", "swapped",
         ),
         "open_sets": diagnosis.confounded_sets,
         "refused": refused and refused.effect,

@@ -117,10 +117,13 @@ def _outliers(diagnosis: Diagnosis) -> Words:
         more = spans(", and ", listed(others), f" {stand} out too") if others else ()
         off = spans(": pose ", pose(worst.pose), f" is off by {numbers.length(worst.size_mm)}", more)
     missing = spans(_missing(diagnosis), ". ") if diagnosis.missing else ()
-    return spans(
-        "outliers", off, ". ", missing, "Apart from single poses nothing is left. Measure those poses again before ",
-        "you leave them out.",
-    )  # fmt: skip
+    pairs = [f"{one} and {other}" for one, other in diagnosis.swapped]
+    again = "Measure those poses again before you leave them out."
+    if pairs:
+        swapped = f"The measurements of {numbers.listing(pairs)} are swapped: each lies where the other has to be."
+        rest = set(poses) - {name for pair in diagnosis.swapped for name in pair}
+        again = f"{swapped} Exchange them, and diagnose again." + (f" {again}" if rest else "")
+    return spans("outliers", off, ". ", missing, f"Apart from single poses nothing is left. {again}")
 
 
 def _unexplained(diagnosis: Diagnosis) -> Words:
