@@ -16,6 +16,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.lengths import with_directions
 from calib.dataset.repeats import average_repeats
 from calib.effects.effect import Effect, is_held_by_prior
+from calib.effects.gravity import has_masses, tells_tool_mass
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.effects.place_errors import place_errors_of
 from calib.errors import FitError
@@ -40,8 +41,11 @@ from calib.frames import frames_by_name
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.kinematics.statics import uncertain_loads
+from calib.kinematics.tool_point import tool_point_of
 from calib.options import LINKS, FitOptions
 
+UNTOLD_TOOL_KG = 2.0
+"""Sigma of the mass of a tool that was found where robot.toml has none: a probe or a gripper."""
 _LENGTH_ROUNDS = 6  # in which the lines of measured lengths are made anew
 _SAME_LINE_MM = 0.05  # by which the end of a line may still move: of a metre it changes the length by a nanometre
 
@@ -307,24 +311,42 @@ def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) ->
 
 
 def _with_load_uncertainty(kind: str, model: Model, fit: Fit, observed: Observations) -> Fit:
-    """Fit whose covariance has what the noise of measured torques makes of the parameters; itself without these.
+    """Fit whose sigmas have what uncertain loads make of the parameters; itself where none is known to be uncertain.
 
-    An effect under load is fitted as if the load were known. Where the load is off, the parameters move: to first order
-    by -C J^T c, with the fit's covariance C over the noise's variance, its Jacobian J, and the change c of the
-    residual. `kind` is the residual's.
+    These are the noise of measured torques, and a tool that was found far from robot.toml's and whose mass no file
+    tells. An effect under load is fitted as if the load were known. Where the load is off, the parameters move: to
+    first order by -C J^T c, with the fit's covariance C over the noise's variance, its Jacobian J, and the change c of
+    the residual. What the tool's mass moves is no part of the covariance: with the mass the prediction moves back.
+    `kind` is the residual's.
     """
     robot = model.loads_of
-    if robot is None or not robot.measured_loads or not np.isfinite(fit.reduced_chi) or not fit.reduced_chi > 0.0:
+    if robot is None or not np.isfinite(fit.reduced_chi) or not fit.reduced_chi > 0.0:
+        return fit
+    measured, untold = [*uncertain_loads(robot)], _with_untold_tool(robot, model, observed)
+    if not measured and untold is None:
         return fit
     placed = with_nominal_scanner_frames(observed, model.placed_robot)
     at = make_residuals(kind, model, placed).linearise(fit.x)
     gain = fit.covariance / fit.reduced_chi**2 @ at.jacobian.T
-    covariance = fit.covariance.copy()
-    for variant in uncertain_loads(robot):
+
+    def moved_by(variant: Robot) -> Array:
         changed = make_residuals(kind, replace(model, loads_of=variant), placed).residual(fit.x)
-        moved = gain @ (changed - at.residual)
+        return np.asarray(gain @ (changed - at.residual))
+
+    covariance = fit.covariance.copy()
+    for variant in measured:
+        moved = moved_by(variant)
         covariance += np.outer(moved, moved)
-    return replace(fit, covariance=covariance)
+    return replace(fit, covariance=covariance, load_moves=0.0 if untold is None else moved_by(untold))
+
+
+def _with_untold_tool(robot: Robot, model: Model, observed: Observations) -> Robot | None:
+    """The robot with a tool as heavy as it may be where no file tells its mass; None where that is of no use."""
+    told = tells_tool_mass(robot, observed.poses.payload_kg) or not has_masses(robot)
+    if model.tool_found is None or told or not model.added_effects:
+        return None
+    x_mm, y_mm, z_mm = (0.5 * tool_point_of(model.tool_found)).tolist()
+    return replace(robot, tool=replace(robot.tool, mass_kg=UNTOLD_TOOL_KG, com_mm=(x_mm, y_mm, z_mm)))
 
 
 def fit_again(calibration: Calibration, dataset: Dataset, options: FitOptions) -> Calibration:

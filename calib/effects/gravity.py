@@ -28,6 +28,11 @@ def has_masses(robot: Robot) -> bool:
     return all(joint.mass_kg is not None and joint.com_mm is not None for joint in robot.joints)
 
 
+def tells_tool_mass(robot: Robot, payload_kg: Array | None) -> bool:
+    """Whether robot.toml, or the payload at any pose, tells a mass at the flange."""
+    return bool(robot.tool.mass_kg) or (payload_kg is not None and bool(np.any(payload_kg)))
+
+
 def loaded_joints(robot: Robot) -> tuple[int, ...]:
     """Joints, counted from 0, whose load is known: all where the links' masses are, else those of measured torque."""
     known = range(robot.n_joints) if has_masses(robot) else (load.joint for load in robot.measured_loads)

@@ -36,11 +36,12 @@ class Fit(Brief):
     rows: int  # R
     degrees_of_freedom: float
     reduced_chi: float  # sqrt of the reduced chi-square, residual sigma over declared sigma; nan without dof
+    load_moves: Array | float = 0.0  # (P,) by one sigma of a load that no file tells, which hardly moves a prediction
 
     @property
     def sigma(self) -> Array:
         """Standard deviation (P,) of each parameter, in its unit; inf where neither data nor prior bound it."""
-        return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
+        return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance) + np.square(self.load_moves)))
 
     @property
     def by_name(self) -> dict[str, tuple[float, float]]:

@@ -41,6 +41,7 @@ from calib.present.fit.calibration import (
     parameters,
     pose_errors,
     stands_document,
+    tool_mass_question,
     tool_shift_sentence,
     worsening_sentence,
 )
@@ -265,6 +266,7 @@ def _first_fit(calibration: Calibration) -> str:
         )
     if shift := calibration.tool_shift:
         words += f" {numbers.capitalised(tool_shift_sentence(shift))}."
+    words += "".join(f" {numbers.capitalised(one)}." for one in tool_mass_question(calibration))
     return words
 
 

@@ -23,6 +23,7 @@ from calib.consistency.data_problem import DataProblem
 from calib.consistency.leading_entry import leading_entry
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.headline import headline_of
+from calib.effects.gravity import has_masses, tells_tool_mass
 from calib.fitting.tool_point import ToolShift
 from calib.identifiability.structural import redundancy_of
 from calib.identifiability.tool_rows import tool_rows
@@ -220,6 +221,7 @@ def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
     sentences = [*fitted.warnings, *fitted.notes, *calibration.after.notes]
     if calibration.tool_shift is not None:
         sentences.append(tool_shift_sentence(calibration.tool_shift))
+        sentences += tool_mass_question(calibration)
     sentences += table_doubts(calibration)
     points = fitted.points
     if calibration.residual != "pose" and points is not None and points.shared is not None:
@@ -247,6 +249,18 @@ def tool_shift_sentence(shift: ToolShift) -> str:
         f"x {x}, y {y}, z {z} mm; from the tip: {from_tip} mm); it is a point of its own, and the tip stays where "
         "robot.toml has it: the measured points tell neither its place nor its attitude"
     )
+
+
+def tool_mass_question(calibration: Calibration) -> list[str]:
+    """Sentence that asks for the mass of a tool that robot.toml has elsewhere; [] where it is told or of no use."""
+    robot = calibration.dataset.robot
+    told = tells_tool_mass(robot, calibration.dataset.poses.payload_kg)
+    if calibration.tool_shift is None or told or not has_masses(robot):
+        return []
+    return [
+        "what reaches so far weighs something, and no file tells how much: give its mass, mass_kg under [tool] of "
+        "robot.toml or payload_kg in poses.csv; until then a compliance is at most what was fitted"
+    ]
 
 
 def table_doubts(calibration: Calibration) -> list[str]:
