@@ -1,8 +1,8 @@
-"""Postures of the nominal arm that bring its flange to places, and the choice among them.
+"""Postures of the nominal arm that bring its flange to places, by what a program tells of them.
 
-All postures are looked for, from many starts, since a place alone does not tell the arm's: a six-joint arm has up to
-eight, each again with whole turns of its joints. Which one a program means is told by its configuration, where it has
-one, and else taken as the nearest to known joints.
+A place alone does not tell the arm's posture: a six-joint arm has up to eight, each again with whole turns of its
+joints. A configuration tells it where one posture alone has it; else joints tell it to which the nearest is taken, or
+the way there: on a linear motion the controller keeps the posture of its start.
 """
 
 from __future__ import annotations
@@ -12,23 +12,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib import frames
 from calib.array_types import Array, BoolArray
 from calib.compensation.target_correction import plain_poses
 from calib.compensation.tool_problem import ToolProblem
+from calib.extras.robot_programs.program_text.source import NO_CONFIGURATION, Configuration
 from calib.fitting.model import geometric_model
-from calib.kinematics.flange import flange_T_tip
+from calib.kinematics import chain as kinematics
+from calib.kinematics.flange import flange_frames, flange_T_tip
 from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.joint_range import joint_limits
 from calib.kinematics.robot import Robot
 
 REACHED_MM, REACHED_RAD = 1e-6, 1e-9
-_STARTS = (32, 160)  # of each place; the second count for those that the first left open
+_STARTS = (64, 160)  # of each place; the second count for those that the first left open
 _AT_ONCE = 100  # places
 _NEAR_MM = 30.0  # that the search from anywhere has to come to
 _SAME_RAD = 1e-4  # joints of one posture, found twice
 _RANGE_TOLERANCE_DEG = 0.2  # of a configuration's bounds, which rounded numbers may cross
 _TURNS = 2.0 * np.pi * np.arange(-2, 3)
 _ROUGH = replace(FROM_ANYWHERE, by_normal_equations=True)
+_STEP_MM, _STEP_RAD = 25.0, 0.1  # of a linear motion that is followed
+_MOST_STEPS, _ITERATIONS = 400, 8
+_MEETS_MM = 2.0  # within which the axes of a wrist meet, and a wrist is on neither side of a line
 
 
 @dataclass(frozen=True)
@@ -36,17 +42,57 @@ class Place:
     """A place of the flange, and what is known of the posture there."""
 
     base_T_flange: Array  # (4, 4) mm
-    ranges_deg: tuple[tuple[float, float], ...]  # of each commanded joint; () without a configuration
-    near: Array  # (K, n) joints, of which the nearest counts
-    bind: bool = True  # whether no other configuration will do
+    configuration: Configuration = NO_CONFIGURATION
+    near: Array | None = None  # (n,) joints to which the nearest posture is taken, of several that fit
 
 
 @dataclass(frozen=True)
 class Posture:
-    """Joints that bring the flange to a place; None with the reason where there are none."""
+    """Joints that bring the flange to a place; None with the reason where there are none or several."""
 
     q: Array | None
     reason: str = ""
+    several: bool = False
+
+
+def along(robot: Robot, start: Array, goal: Array) -> Array | None:
+    """Joints (n,) at the end of a straight motion of the flange from joints (n,) to a place (4, 4).
+
+    None where the way passes a singular posture, behind which the arm may go on in another one.
+    """
+    first = flange_frames(robot, start[None])[0]
+    shift_mm, turn = goal[:3, 3] - first[:3, 3], frames.rotvec_from_rotation(first[:3, :3].T @ goal[:3, :3])
+    far = float(np.hypot(np.linalg.norm(shift_mm) / _STEP_MM, np.linalg.norm(turn) / _STEP_RAD))
+    steps = min(int(far) + 1, _MOST_STEPS)
+    length_mm = max(float(np.sum(np.hypot(robot.table[:, 0], robot.table[:, 2]))), 1.0)
+    q, side = start, 0.0
+    for share in np.linspace(0.0, 1.0, steps + 1):
+        place = frames.make_transform(
+            first[:3, :3] @ frames.rotation_from_rotvec(share * turn), first[:3, 3] + share * shift_mm
+        )
+        for _ in range(_ITERATIONS):
+            chain = kinematics.nominal_chain(robot, q[None])
+            at = chain.base_T_flange[0] @ robot.flange.transform
+            moved, axes = kinematics.joint_jacobian(chain, robot.is_revolute, at[None, :3, 3])
+            jacobian = np.concatenate([moved[0] / length_mm, axes[0]])
+            left_mm = place[:3, 3] - at[:3, 3]
+            left_rad = at[:3, :3] @ frames.rotvec_from_rotation(at[:3, :3].T @ place[:3, :3])
+            if np.linalg.norm(left_mm) <= 0.1 * REACHED_MM and np.linalg.norm(left_rad) <= 0.1 * REACHED_RAD:
+                break
+            sign = np.linalg.slogdet(jacobian)[0]
+            if sign == 0.0:
+                return None
+            q = q + np.linalg.solve(jacobian, np.concatenate([left_mm / length_mm, left_rad]))
+        sign = np.linalg.slogdet(jacobian)[0]
+        if np.linalg.norm(left_mm) > REACHED_MM or np.linalg.norm(left_rad) > REACHED_RAD or side * sign < 0.0:
+            return None
+        side = sign
+    return q
+
+
+def same_posture(one: Array, other: Array) -> bool:
+    """Whether joints (n,) differ by no more than whole turns."""
+    return bool(np.abs(np.sin(0.5 * (one - other))).max() <= 0.5 * _SAME_RAD)
 
 
 def postures_at(robot: Robot, places: Sequence[Place]) -> list[Posture]:
@@ -57,7 +103,7 @@ def postures_at(robot: Robot, places: Sequence[Place]) -> list[Posture]:
     for start in range(0, len(places), _AT_ONCE):
         part = places[start : start + _AT_ONCE]
         reached = _candidates(robot, part, limits, _STARTS[0], rng)
-        missing = [k for k, q in enumerate(reached) if _choice(robot, part[k], q, limits, False).q is None]
+        missing = [k for k, q in enumerate(reached) if _choice(robot, part[k], q, limits).q is None]
         for k, again in zip(
             missing, _candidates(robot, [part[k] for k in missing], limits, _STARTS[1], rng), strict=True
         ):
@@ -78,19 +124,17 @@ def _candidates(
 
 
 def _starts(place: Place, limits: tuple[Array, Array], count: int, rng: np.random.Generator) -> Array:
-    """Starts (count, n): known joints, and random ones, half of them within the configuration."""
+    """Starts (count, n): random ones, half of them within the configuration, and known joints."""
     low, high = (np.clip(limit, -np.pi, np.pi) for limit in limits)
-    n = len(low)
-    starts = rng.uniform(low, high, (count, n))
-    if place.ranges_deg:
-        first, last = np.radians(np.array(place.ranges_deg)).T
+    starts = rng.uniform(low, high, (count, len(low)))
+    if place.configuration.ranges_deg:
+        first, last = np.radians(np.array(place.configuration.ranges_deg)).T
         inner_low, inner_high = np.maximum(low, first), np.minimum(high, last)
         usable = inner_low < inner_high
-        starts[::2] = rng.uniform(
-            np.where(usable, inner_low, low), np.where(usable, inner_high, high), (len(starts[::2]), n)
-        )
-    known = place.near[: count // 4]
-    starts[: len(known)] = known
+        inner = np.where(usable, inner_low, low), np.where(usable, inner_high, high)
+        starts[::2] = rng.uniform(*inner, starts[::2].shape)
+    if place.near is not None:
+        starts[0] = place.near
     return starts
 
 
@@ -124,40 +168,78 @@ def _distinct(q: Array) -> Array:
     return np.array(kept).reshape(-1, q.shape[1])
 
 
-def _choice(robot: Robot, place: Place, found: Array, limits: tuple[Array, Array], otherwise: bool = True) -> Posture:
-    """Posture within limits and configuration that is nearest to known joints, whole turns included.
-
-    otherwise: whether another configuration is taken where the controller would.
-    """
+def _choice(robot: Robot, place: Place, found: Array, limits: tuple[Array, Array]) -> Posture:
+    """The one posture within limits and configuration, or of several the nearest to known joints."""
     if not len(found):
         return Posture(None, "no joints of the nominal arm bring the tool there")
-    best: tuple[float, Array] | None = None
-    within_limits = False
-    for q in found:
-        options = q + _TURNS[:, None]  # (5, n)
-        usable = (options >= limits[0] - 1e-9) & (options <= limits[1] + 1e-9)
-        within_limits |= bool(usable.any(axis=0).all())
-        if place.ranges_deg:
-            commanded = np.degrees(robot.commands_of(q) + _TURNS[:, None])
-            low, high = np.array(place.ranges_deg).T
-            usable &= (commanded >= low - _RANGE_TOLERANCE_DEG) & (commanded <= high + _RANGE_TOLERANCE_DEG)
-        if not usable.any(axis=0).all():
-            continue
-        away = np.where(usable, np.abs(options - place.near[:, None]), np.inf)  # (K, 5, n)
-        turn = np.argmin(away, axis=1)
-        distance = np.linalg.norm(np.min(away, axis=1), axis=1)
-        k = int(np.argmin(distance))
-        if best is None or distance[k] < best[0] - 1e-9:
-            best = (float(distance[k]), q + _TURNS[turn[k]])
-    if best is not None:
-        return Posture(best[1])
-    if within_limits:
-        other = _choice(robot, replace(place, ranges_deg=()), found, limits).q
-        assert other is not None
-        if otherwise and not place.bind:
-            return Posture(other)
-        joints = ", ".join(f"{v:.0f}°" for v in np.degrees(robot.commands_of(other)))
-        return Posture(
-            None, f"no posture of robot.toml's arm has the program's configuration there; the nearest other is {joints}"
-        )
-    return Posture(None, "the joints that bring the tool there are beyond the limits in robot.toml")
+    near = np.zeros(found.shape[1]) if place.near is None else place.near
+    options = found[:, None] + _TURNS[:, None]  # (M, 5, n)
+    usable = (options >= limits[0] - 1e-9) & (options <= limits[1] + 1e-9)
+    within: BoolArray = np.all(np.any(usable, axis=1), axis=1)
+    if place.configuration.ranges_deg:
+        commanded = np.degrees(robot.commands_of(found)[:, None] + _TURNS[:, None])
+        low, high = np.array(place.configuration.ranges_deg).T
+        usable &= (commanded >= low - _RANGE_TOLERANCE_DEG) & (commanded <= high + _RANGE_TOLERANCE_DEG)
+    fits = np.flatnonzero(np.all(np.any(usable, axis=1), axis=1))
+    if len(fits) > 1:
+        fits = fits[_on_sides(robot, found[fits], place.configuration)]
+    few_turns = usable & (np.abs(options) <= np.pi)
+    plain = fits[np.all(np.any(few_turns[fits], axis=1), axis=1)]
+    if len(fits) > 1 and len(plain) and place.near is None:  # of a joint without limits whole turns are not meant
+        fits, usable = plain, few_turns
+    if len(fits) == 1 or (len(fits) > 1 and place.near is not None):
+        away = np.where(usable[fits], np.abs(options[fits] - near), np.inf)
+        k = int(np.argmin(np.linalg.norm(away.min(axis=1), axis=1)))
+        return Posture(found[fits[k]] + _TURNS[np.argmin(away[k], axis=0)])
+    if len(fits):
+        return Posture(None, f"the program does not tell which of {len(fits)} postures the arm has there", True)
+    if not within.any():
+        return Posture(None, "the joints that bring the tool there are beyond the limits in robot.toml")
+    other = ", ".join(f"{v:.0f}°" for v in np.degrees(robot.commands_of(found[within][0])))
+    return Posture(None, f"no posture of robot.toml's arm has the program's configuration there; another is {other}")
+
+
+def _on_sides(robot: Robot, q: Array, configuration: Configuration) -> BoolArray:
+    """Which postures (M,) have the wrist and axis 5 on the sides that are told; all where these mean nothing.
+
+    Only arms whose last three axes meet have such sides. If all or none of them fit, nothing is taken to be told.
+    """
+    fits = np.ones(len(q), dtype=bool)
+    if configuration.axis_5_negative is not None:
+        fits &= (robot.commands_of(q)[:, 4] < 0.0) == configuration.axis_5_negative
+    ahead_mm, elbow_mm = _sides(robot, np.concatenate([np.zeros((1, q.shape[1])), q]))
+    for told, side_mm in (
+        (None if configuration.behind is None else not configuration.behind, ahead_mm[1:] * np.sign(ahead_mm[0])),
+        (configuration.elbow, elbow_mm[1:]),
+        (configuration.elbow_as_at_zero, elbow_mm[1:] * np.sign(elbow_mm[0])),
+    ):
+        if told is not None:
+            fits &= ~(np.abs(side_mm) > _MEETS_MM) | ((side_mm > 0.0) == told)
+    return fits if fits.any() else ~fits
+
+
+def _sides(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Distances (M,), mm, of the wrist ahead of axis 1 and, as joint 3 turns, of the line from axis 2 to axis 3.
+
+    nan for an arm of other than six joints, or whose last three axes do not meet.
+    """
+    none = np.full(len(q), np.nan)
+    if robot.n_joints != 6:
+        return none, none
+    at = kinematics.nominal_chain(robot, q).base_T_frame[:, :6]
+    z, o = at[..., :3, 2], at[..., :3, 3]
+    wrist = _meeting_point(o[:, 3], z[:, 3], o[:, 4], z[:, 4])
+    off = np.linalg.norm(np.cross(z[:, 5], wrist - o[:, 5]), axis=1)
+    if off.max() > _MEETS_MM or np.linalg.norm(np.cross(z[:, 3], wrist - o[:, 3]), axis=1).max() > _MEETS_MM:
+        return none, none
+    ahead = np.einsum("mi,mi->m", wrist - o[:, 0], np.cross(z[:, 1], z[:, 0]))
+    line = o[:, 2] - o[:, 1]
+    side = np.einsum("mi,mi->m", np.cross(line, wrist - o[:, 2]), z[:, 2])
+    return ahead, side / np.maximum(np.linalg.norm(line, axis=1), 1e-9)
+
+
+def _meeting_point(one: Array, along_one: Array, other: Array, along_other: Array) -> Array:
+    """Points (M, 3) of lines by a point and a direction each (M, 3) that are nearest to other lines."""
+    across = np.cross(along_one, along_other)
+    share = np.einsum("mi,mi->m", np.cross(other - one, along_other), across)
+    return one + along_one * (share / np.maximum(np.sum(across**2, axis=1), 1e-12))[:, None]

@@ -21,18 +21,19 @@ from calib.array_types import Array
 from calib.compensation.correction import Correction, Corrects
 from calib.compensation.target_correction import correction_of
 from calib.errors import CalibError
-from calib.extras.robot_programs.postures import Place, Posture, postures_at
+from calib.extras.robot_programs.postures import Place, along, postures_at, same_posture
 from calib.extras.robot_programs.program_targets import Frames, Program, frame_of, require_frames
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
-from calib.extras.robot_programs.program_text.source import ProgramTarget
+from calib.extras.robot_programs.program_text.source import NO_CONFIGURATION, ProgramTarget
 from calib.kinematics.flange import flange_frames, flange_T_tip, measured_point_on_flange
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
 
 SAME_POINT_MM = 0.5
 """Distance within which a program's tool point is that of robot.toml."""
-_POSTURES = 500  # trained poses that are looked through for the nearest, about
-BY_CONFIGURATION, BY_NEAR, BY_TRAINED = "configuration", "qnear", "trained poses"
+BY_CONFIGURATION, BY_NEAR = "configuration", "qnear"
+_NOT_TOLD = "its posture is not told: no target whose joints are known stands before it on every way there"
+_SINGULAR = "its posture is not told: the way to it passes a singular posture"
 
 
 @dataclass(frozen=True)
@@ -46,9 +47,7 @@ class TargetMove:
     moved_deg: float  # of the commanded tool
     uncorrected_mm: float  # error of the calibrated arm without correction; nan where unknown
     reason: str = ""  # why it is not reached
-    posture: str = (
-        ""  # what told the posture of a pose: the configuration, qnear, a joint target's name, the trained poses
-    )
+    posture: str = ""  # what told the posture of a pose: the configuration, qnear, the name of the target before it
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,6 @@ def corrected_program(
     program: Program,
     nominal: Robot,
     calibrated: Corrects | Robot,
-    trained: Array,
     *,
     kind: str | None = None,
     tool: Array | Frames | None = None,
@@ -115,7 +113,6 @@ def corrected_program(
         program: the program as it was read.
         nominal: robot that the controller computes with.
         calibrated: a calibration, a diagnosis, a model from a file, a robot.
-        trained: (K, n) joints of known postures, of which the nearest counts where nothing else tells a pose's posture.
         kind: "pose", "position", or None for what the fit determines.
         tool: (4, 4) flange_T_tool, mm, of targets whose tool the program does not define, or several by their names.
         work: (4, 4) base_T_work, mm, of targets whose work frame it does not define, or several by their names.
@@ -125,7 +122,7 @@ def corrected_program(
     """
     tools, works = _frames(tool), _frames(work)
     require_frames(program, tools, works)
-    known = _with_joints(program, nominal, trained, tools, works)
+    known = _with_joints(program, nominal, tools, works)
     rows = [k for k, each in enumerate(known) if each.q is not None]
     row_of = {k: row for row, k in enumerate(rows)}
     q0 = np.array([known[k].q for k in rows]).reshape(-1, nominal.n_joints)
@@ -162,8 +159,7 @@ def corrected_program(
         elif reached:
             work_T_tool = frames.invert(each.base_T_work) @ after
             values[k] = pose_values(program.language, work_T_tool, each.target.values)
-    notes = (*program.notes, *_posture_notes(moves))
-    return ProgramCorrection(program, program.with_values(values), tuple(moves), correction, notes)
+    return ProgramCorrection(program, program.with_values(values), tuple(moves), correction, program.notes)
 
 
 def _frames(given: Array | Frames | None) -> Frames:
@@ -172,40 +168,118 @@ def _frames(given: Array | Frames | None) -> Frames:
     return {} if given is None else {"": given}
 
 
-def _with_joints(program: Program, nominal: Robot, trained: Array, tools: Frames, works: Frames) -> list[_Known]:
-    """Each target with its joints: as written, or of the nominal arm at its pose."""
-    trained = trained[:: max(1, len(trained) // _POSTURES)]
-    known: list[_Known] = []
-    open_: list[tuple[int, Place]] = []
-    before: tuple[str, Array] | None = None  # the last target whose joints are told
-
-    def written(values: Array) -> Array:
-        return nominal.joints_of(values if program.language == "URScript" else np.radians(values))
-
+def _with_joints(program: Program, nominal: Robot, tools: Frames, works: Frames) -> list[_Known]:
+    """Each target with its joints: as written, or of the nominal arm at its pose, in the program's posture."""
+    known: dict[int, _Known] = {}
+    poses: dict[int, tuple[Array, _Known]] = {}
     for target in program.targets:
         if target.kind == "joints":
-            before = (target.name, written(target.values))
-            known.append(_Known(target, before[1], flange_T_tip(nominal), np.eye(4)))
+            q = _written(program, nominal, target.values)
+            known[target.place] = _Known(target, q, flange_T_tip(nominal), np.eye(4))
             continue
-        flange_T_tool, base_T_work = frame_of(target.tool, tools), frame_of(target.work, works)
+        open_ = _Known(target, None, frame_of(target.tool, tools), frame_of(target.work, works))
         try:
-            base_T_tool = base_T_work @ pose_transform(program.language, target.values)
+            base_T_tool = open_.base_T_work @ pose_transform(program.language, target.values)
         except ValueError as error:
-            known.append(_Known(target, None, flange_T_tool, base_T_work, str(error)))
+            known[target.place] = replace(open_, reason=str(error))
             continue
-        if target.near:
-            before = (target.name, written(np.array(target.near)))
-        name = BY_TRAINED if before is None else before[0]
-        name = BY_CONFIGURATION if target.ranges_deg else BY_NEAR if target.near else name
-        near = trained if before is None else before[1][None]
-        flange = base_T_tool @ frames.invert(flange_T_tool)
-        place = Place(flange, target.ranges_deg, near, bind=target.ranges_bind)
-        open_.append((len(known), place))
-        known.append(_Known(target, None, flange_T_tool, base_T_work, posture=name))
-    found: list[Posture] = postures_at(nominal, [place for _, place in open_])
-    for (k, _), posture in zip(open_, found, strict=True):
-        known[k] = replace(known[k], q=posture.q, reason=posture.reason)
-    return known
+        poses[target.place] = base_T_tool @ frames.invert(open_.flange_T_tool), open_
+    told = {
+        place: (BY_NEAR if each.target.near else BY_CONFIGURATION)
+        for place, (_, each) in poses.items()
+        if each.target.near or (each.target.configuration != NO_CONFIGURATION and not each.target.keeps_posture)
+    }
+    found = postures_at(nominal, [_place(program, nominal, *poses[place]) for place in told])
+    for place, posture in zip(told, found, strict=True):
+        if not posture.several:
+            known[place] = replace(poses.pop(place)[1], q=posture.q, reason=posture.reason, posture=told[place])
+    return [(known | _Ways(program, nominal, known, poses).followed())[target.place] for target in program.targets]
+
+
+def _written(program: Program, nominal: Robot, values: Array) -> Array:
+    """Joints (n,), rad, of values in the program's own units."""
+    return nominal.joints_of(values if program.language == "URScript" else np.radians(values))
+
+
+def _place(program: Program, nominal: Robot, base_T_flange: Array, known: _Known) -> Place:
+    near = _written(program, nominal, np.array(known.target.near)) if known.target.near else None
+    return Place(base_T_flange, known.target.configuration, near)
+
+
+class _Ways:
+    """Postures of poses that follow from those before them: kept on a linear motion, the nearest after another one."""
+
+    def __init__(
+        self, program: Program, nominal: Robot, known: dict[int, _Known], poses: dict[int, tuple[Array, _Known]]
+    ) -> None:
+        self._program, self._nominal, self._known, self._poses = program, nominal, known, poses
+        self._ends: dict[tuple[int, int, bool], tuple[Array | None, Array | None]] = {}
+        self._open: dict[int, str] = {}  # reasons why postures are not told
+
+    def followed(self) -> dict[int, _Known]:
+        """The poses with their joints, or with the reason why these are not told."""
+        while True:
+            found = self._spread()
+            doubts = {place: doubt for place in found if (doubt := self._doubt(place, found))}
+            if not doubts:
+                break
+            self._open |= doubts
+        left = {place: each for place, (_, each) in self._poses.items() if place not in found}
+        return found | {place: replace(each, reason=self._open.get(place, _NOT_TOLD)) for place, each in left.items()}
+
+    def _spread(self) -> dict[int, _Known]:
+        """Joints of the poses that can be reached from known ones, each by its first way."""
+        found: dict[int, _Known] = {}
+        waiting = [place for place in self._poses if place not in self._open]
+        while waiting:
+            for place in waiting:
+                for before, is_joint in self._ways(place):
+                    q = self._end(before, is_joint, place, found)
+                    if q is not None:
+                        one = self._known_at(before, found)
+                        told = one.target.name if one is not None and one.q is not None else BY_CONFIGURATION
+                        found[place] = replace(self._poses[place][1], q=q, posture=told)
+                        break
+            still = [place for place in waiting if place not in found]
+            if len(still) == len(waiting):
+                break
+            waiting = still
+        return found
+
+    def _doubt(self, place: int, found: dict[int, _Known]) -> str:
+        """Why the joints that were found of a pose may be others; "" where all ways lead to them."""
+        for before, is_joint in self._ways(place):
+            q = self._end(before, is_joint, place, found)
+            if q is None:
+                return _NOT_TOLD if self._known_at(before, found) is None else _SINGULAR
+            own = found[place].q
+            if own is not None and not same_posture(q, own):
+                return "the targets that may stand before it lead to several postures there"
+        return ""
+
+    def _ways(self, place: int) -> list[tuple[int, bool]]:
+        """Places before a pose, and whether a joint motion leads from each to it."""
+        arrivals = self._poses[place][1].target.arrivals
+        return [(before, arrival.is_joint) for arrival in arrivals for before in sorted(arrival.after)]
+
+    def _known_at(self, place: int, found: dict[int, _Known]) -> _Known | None:
+        return self._known.get(place) or found.get(place)
+
+    def _end(self, before: int, is_joint: bool, place: int, found: dict[int, _Known]) -> Array | None:
+        """Joints at a pose by one way to it; None where this does not tell them."""
+        known = self._known_at(before, found)
+        start = None if known is None else known.q
+        kept = self._ends.get((before, place, is_joint))
+        if kept is not None and kept[0] is start:
+            return kept[1]
+        goal, each = self._poses[place]
+        end = None if start is None or is_joint else along(self._nominal, start, goal)
+        told = each.target.configuration if is_joint or start is None or end is None else NO_CONFIGURATION
+        if end is None and (told != NO_CONFIGURATION or (is_joint and start is not None)):
+            (posture,) = postures_at(self._nominal, [Place(goal, told, start)])
+            end = posture.q
+        self._ends[before, place, is_joint] = start, end
+        return end
 
 
 def _where_the_tool_is_known(correction: Correction, known: Sequence[_Known]) -> Correction:
@@ -223,18 +297,3 @@ def _where_the_tool_is_known(correction: Correction, known: Sequence[_Known]) ->
                 f"{numbers.length(away_mm)} from it; --what pose corrects the attitude too"
             )
     return replace(correction, reached=reached, reasons=tuple(reasons))
-
-
-def _posture_notes(moves: Sequence[TargetMove]) -> list[str]:
-    """Remarks on poses whose posture the program does not tell."""
-    guessed = [move for move in moves if move.posture and move.posture not in (BY_CONFIGURATION, BY_NEAR)]
-    trained = sum(move.posture == BY_TRAINED for move in guessed)
-    joints = len(guessed) - trained
-    notes = []
-    if joints:
-        words = "is taken as the nearest to the joint target before it"
-        notes.append(f"the posture of {numbers.count(joints, 'pose')} {words}")
-    if trained:
-        words = "is taken as the nearest to the trained poses"
-        notes.append(f"the posture of {numbers.count(trained, 'pose')} {words}")
-    return notes

@@ -55,8 +55,7 @@ class CorrectedProgram(CorrectAddition[CorrectProgramOptions, CorrectOptions]):
     def _write(self, dataset: Dataset, program: Program, model: FittedModel) -> int:
         require_no_conditions(program, model.needs, model.model.family_names)
         tool, work = self._given(program)
-        trained = dataset.poses.q
-        result = corrected_program(program, dataset.robot, model, trained, kind=self.command.what, tool=tool, work=work)
+        result = corrected_program(program, dataset.robot, model, kind=self.command.what, tool=tool, work=work)
         write_bytes_atomically(self.command.out, result.content)
         show(self.command, program_correction_document(result), block_text(*program_correction_blocks(result)))
         return 0 if result.reached else 1

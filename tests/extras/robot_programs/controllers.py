@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -57,3 +59,42 @@ def listed(language: str, values: np.ndarray, decimals: int = 9) -> str:
     if language == "RAPID":
         return f"[{','.join(texts[:3])}],[{','.join(texts[3:])}]"
     return f"p[{', '.join(texts)}]"
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm of joints with their origins in the frame before, and a fixed flange behind the last."""
+
+    places: np.ndarray  # (7, 4, 4) mm
+    axes: np.ndarray  # (6, 3)
+
+    @classmethod
+    def of(cls, xyz_mm: object, rpy: object, axes: object) -> Arm:
+        """The arm of a URDF's numbers."""
+        places = [transform(Rotation.from_euler("xyz", turn), xyz) for xyz, turn in zip(xyz_mm, rpy, strict=True)]  # type: ignore[call-overload]
+        return cls(np.array(places), np.array(axes, dtype=float))
+
+    def with_errors(self, rng: np.random.Generator) -> Arm:
+        """The same arm with links that are some tenths of a millimetre and mrad off."""
+        wrong = [transform(Rotation.from_rotvec(rng.normal(0, 8e-4, 3)), rng.normal(0, 0.3, 3)) for _ in range(6)]
+        return Arm(self.places @ np.array([*wrong, np.eye(4)]), self.axes)
+
+    def stands(self, q: np.ndarray) -> np.ndarray:
+        """base_T_flange at joints (6,), rad."""
+        at = np.eye(4)
+        for place, axis, angle in zip(self.places, self.axes, q, strict=False):
+            at = at @ place @ transform(Rotation.from_rotvec(axis * angle), [0.0, 0.0, 0.0])
+        return at @ self.places[-1]
+
+    def urdf(self, path: Path) -> Path:
+        """The arm as a URDF, its flange called tool0."""
+        lines = ["<robot name='arm'><link name='l0'/>"]
+        for k, place in enumerate(self.places):
+            xyz, rpy = place[:3, 3] / 1000.0, Rotation.from_matrix(place[:3, :3]).as_euler("xyz")
+            kind, child = ("fixed", "tool0") if k == 6 else ("continuous", f"l{k + 1}")
+            axis = "" if k == 6 else f"<axis xyz='{' '.join(map(repr, self.axes[k].tolist()))}'/>"
+            origin = f"<origin xyz='{' '.join(map(repr, xyz.tolist()))}' rpy='{' '.join(map(repr, rpy.tolist()))}'/>"
+            ends = f"<parent link='l{k}'/><child link='{child}'/>"
+            lines.append(f"<link name='{child}'/><joint name='j{k}' type='{kind}'>{ends}{origin}{axis}</joint>")
+        path.write_text("\n".join([*lines, "</robot>"]))
+        return path

@@ -17,6 +17,7 @@ from calib.errors import CalibError
 from calib.extras.robot_programs.postures import Place, postures_at
 from calib.extras.robot_programs.program_correction import ProgramCorrection, corrected_program
 from calib.extras.robot_programs.program_targets import load_program
+from calib.extras.robot_programs.program_text.source import Configuration
 from calib.kinematics.flange import flange_frames
 from calib.kinematics.robot import Robot
 from inspector.cli.parser import main
@@ -67,7 +68,7 @@ def cell() -> Cell:
 
 
 def written(language: str, cell: Cell, *, configured: bool = True) -> str:
-    """A program with the joint targets Q, then with poses at the same places."""
+    """A program with the joint targets Q, each followed by the pose at its place."""
     nominal = cell.nominal.table
     work = np.eye(4) if language == "URScript" else cell.work
     poses = [np.linalg.inv(work) @ flange(nominal, q) @ cell.tool for q in Q]
@@ -75,14 +76,15 @@ def written(language: str, cell: Cell, *, configured: bool = True) -> str:
     lines = []
     if language == "URScript":
         lines = ["def prog():", f"  set_tcp({tool})  # the tool"]
-        lines += [f"  movej([{', '.join(f'{v:.9f}' for v in q)}], a=1.4)" for q in Q]
-        lines += [f"  movel({listed(language, makers(language, pose))}, v=0.1)" for pose in poses]
+        for q, pose in zip(Q, poses, strict=True):
+            lines.append(f"  movej([{', '.join(f'{v:.9f}' for v in q)}], a=1.4)")
+            lines.append(f"  movel({listed(language, makers(language, pose))}, v=0.1)")
         return "\n".join([*lines, "end", ""])
     degrees = np.degrees(Q)
     if language == "KRL":
         lines = ["DEF prog()", f"$TOOL={{{tool}}}", f"$BASE={{{base}}} ; the fixture"]
-        lines += [f"PTP {{{','.join(f'A{k + 1} {v:.7f}' for k, v in enumerate(q))},E1 3.5}}" for q in degrees]
         for q, pose in zip(degrees, poses, strict=True):
+            lines.append(f"PTP {{{','.join(f'A{k + 1} {v:.7f}' for k, v in enumerate(q))},E1 3.5}}")
             turns = sum(int(v < 0.0) << k for k, v in enumerate(q))
             hint = f",S 2,T {turns}" if configured else ""
             lines.append(f"LIN {{{listed(language, makers(language, pose))}{hint},E1 3.5}} C_DIS")
@@ -93,10 +95,8 @@ def written(language: str, cell: Cell, *, configured: bool = True) -> str:
         f'PERS wobjdata table:=[FALSE,TRUE,"",[{base}],[[0,0,0],[1,0,0,0]]];',
     ]
     axes = "[9E9,9E9,9E9,9E9,9E9,9E9]"
-    lines += [
-        f"CONST jointtarget j{k}:=[[{','.join(f'{v:.7f}' for v in q)}],{axes}]; ! {k}" for k, q in enumerate(degrees)
-    ]
     for k, (q, pose) in enumerate(zip(degrees, poses, strict=True)):
+        lines.append(f"CONST jointtarget j{k}:=[[{','.join(f'{v:.7f}' for v in q)}],{axes}]; ! {k}")
         quadrants = ",".join(str(int(np.floor(q[axis] / 90.0))) for axis in (0, 3, 5))
         lines.append(
             f"CONST robtarget p{k}:=[{listed(language, makers(language, pose))},[{quadrants},0],{axes}]; ! {k}"
@@ -122,7 +122,7 @@ def read_back(language: str, text: str) -> tuple[np.ndarray, np.ndarray]:
 def run(language: str, cell: Cell, text: str, folder: Path, **given: object) -> ProgramCorrection:
     path = folder / f"prog{LANGUAGES[language]}"
     path.write_bytes(text.encode("ascii"))
-    return corrected_program(load_program(path), cell.nominal, cell.true, Q[:1], **given)  # type: ignore[arg-type]
+    return corrected_program(load_program(path), cell.nominal, cell.true, **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -146,7 +146,7 @@ def test_the_true_arm_goes_where_the_nominal_one_was_told_to(language: str, cell
         uncorrected = flange(cell.true.table, q) @ cell.tool
         assert np.linalg.norm(uncorrected[:3, 3] - wanted[:3, 3]) > 0.3
         moved = np.linalg.norm((work @ of_maker(language, poses[k]))[:3, 3] - wanted[:3, 3])
-        assert result.targets[3 + k].moved_mm == pytest.approx(moved, abs=1e-4)
+        assert result.targets[2 * k + 1].moved_mm == pytest.approx(moved, abs=1e-4)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -169,42 +169,12 @@ def test_all_but_the_numbers_is_as_it_was(language: str, cell: Cell, tmp_path: P
 def test_without_errors_the_numbers_stay(language: str, cell: Cell, tmp_path: Path) -> None:
     path = tmp_path / f"prog{LANGUAGES[language]}"
     path.write_text(written(language, cell), newline="")
-    result = corrected_program(load_program(path), cell.nominal, cell.nominal, Q)
+    result = corrected_program(load_program(path), cell.nominal, cell.nominal)
     assert result.reached
     assert max(move.moved_mm for move in result.targets) < 1e-6
     before, after = (read_back(language, content.decode("ascii")) for content in (path.read_bytes(), result.content))
     for old, new in zip(before, after, strict=True):
         np.testing.assert_allclose(new, old, atol=2e-9)
-
-
-@pytest.mark.parametrize("language", ["KRL", "RAPID"])
-def test_the_configuration_tells_the_posture(language: str, cell: Cell, tmp_path: Path) -> None:
-    text = "\n".join(line for line in written(language, cell).splitlines() if not re.search("PTP|jointtarget", line))
-    path = tmp_path / f"prog{LANGUAGES[language]}"
-    path.write_text(text)
-    elsewhere = Q + np.array([0.0, 0.0, 0.0, np.pi, 0.0, np.pi])
-    elsewhere[:, 4] *= -1.0  # the wrist turned over: without the configuration that posture is the nearest
-    result = corrected_program(load_program(path), cell.nominal, cell.true, elsewhere)
-    np.testing.assert_allclose(result.correction.q_nominal, Q, atol=1e-7)
-    assert {move.posture for move in result.targets} == {"configuration"}
-
-
-def test_without_configuration_the_nearest_posture_counts_and_is_told(cell: Cell, tmp_path: Path) -> None:
-    text = written("KRL", cell, configured=False)
-    lines = text.splitlines(keepends=True)
-    poses_alone = "".join(line for line in lines if "PTP" not in line)
-    path = tmp_path / "prog.src"
-    path.write_text(poses_alone, newline="")
-    turned = Q.copy()
-    turned[1, 5] += 2.0 * np.pi  # within the limits
-    for known in (Q, turned):
-        result = corrected_program(load_program(path), cell.nominal, cell.true, known)
-        np.testing.assert_allclose(result.correction.q_nominal, known, atol=1e-7)
-        assert {move.posture for move in result.targets} == {"trained poses"}
-        assert any("trained poses" in note for note in result.notes)
-    path.write_text(text, newline="")
-    result = corrected_program(load_program(path), cell.nominal, cell.true, Q[:1])
-    assert {move.posture for move in result.targets} == {"", "PTP"}
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -217,7 +187,7 @@ def test_an_unreachable_target_is_left_and_told(language: str, cell: Cell, tmp_p
     joint = f"{Q[0][0]:.9f}" if language == "URScript" else f"{np.degrees(Q[0][0]):.7f}"
     text = text.replace(joint, limit, 1)
     result = run(language, cell, text, tmp_path)
-    assert [move.reached for move in result.targets] == [False, True, True, True, False, True]
+    assert [move.reached for move in result.targets][1:] == [language == "RAPID", True, False, True, True]
     assert all(bool(move.reason) is not move.reached for move in result.targets)
     old, new = text.splitlines(), result.content.decode("ascii").splitlines()
     for move in result.targets:
@@ -227,7 +197,7 @@ def test_an_unreachable_target_is_left_and_told(language: str, cell: Cell, tmp_p
 
 def test_where_positions_alone_are_known_another_tool_is_left(cell: Cell, tmp_path: Path) -> None:
     result = run("KRL", cell, written("KRL", cell), tmp_path, kind="position")
-    assert [move.reached for move in result.targets] == [True] * 3 + [False] * 3
+    assert [move.reached for move in result.targets] == [True, False] * 3
     assert "--what pose" in result.targets[-1].reason
 
 
@@ -293,7 +263,7 @@ def test_qnear_and_frames_of_urscript_count(cell: Cell, tmp_path: Path) -> None:
 def test_postures_are_found_at_places_all_over(cell: Cell) -> None:
     q = np.random.default_rng(8).uniform(-2.5, 2.5, (40, 6))
     places = [
-        Place(at, tuple((-np.inf, 0.0) if v < 0 else (0.0, np.inf) for v in one), one[None])
+        Place(at, Configuration(tuple((-np.inf, 0.0) if v < 0 else (0.0, np.inf) for v in one)), one)
         for at, one in zip(flange_frames(cell.nominal, q), q, strict=True)
     ]
     found = postures_at(cell.nominal, places)
@@ -322,7 +292,7 @@ def test_the_command_writes_the_program_and_tells_of_each_target(
     assert main([*given, "--what", "pose", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["program"]
     assert found["language"] == "RAPID"
-    assert [t["name"] for t in found["targets"]] == ["j0", "j1", "j2", "p0", "p1", "p2"]
+    assert [t["name"] for t in found["targets"]] == ["j0", "p0", "j1", "p1", "j2", "p2"]
     assert all(t["reached"] and t["moved_mm"] > 0.0 and t["uncorrected_mm"] > 0.0 for t in found["targets"])
     assert [each["what"] for each in found["left"]] == ["grip", "table"]
     assert out.read_text() != source.read_text()

@@ -119,7 +119,7 @@ def test_krl_targets_have_the_frames_that_are_set_before_them(tmp_path: Path) ->
     assert lin.work is not None
     assert lin.work.transform is not None
     assert lin.work.transform[:3, 3].tolist() == [500.0, 0.0, 0.0]
-    assert [low < 0.0 for low, _ in lin.ranges_deg] == [True, True, False, False, False, False]
+    assert [low < 0.0 for low, _ in lin.configuration.ranges_deg] == [True, True, False, False, False, False]
     assert circ.work is not None
     assert (circ.work.name, circ.work.transform) == ("BASE_DATA[3]", None)
     assert [each.line for each in found.left] == [5, 6, 9, 10, 12, 14, 15]
@@ -141,20 +141,19 @@ def test_rapid_targets_have_the_frames_of_their_moves(tmp_path: Path) -> None:
         ("j1", 2, "joints"),
         ("p10", 3, "pose"),
         ("pts{1}", 4, "pose"),
-        ("pts{2}", 5, "pose"),
         ("MoveL", 15, "pose"),
     ]
-    p10, array, inline = found.targets[1], found.targets[2], found.targets[4]
+    p10, array, inline = found.targets[1], found.targets[2], found.targets[3]
     assert p10.work is not None
     assert p10.work.transform is not None
     assert p10.work.transform[:3, 3].tolist() == [500.0, 10.0, 0.0]
-    assert p10.ranges_deg[0] == (0.0, 90.0)
-    assert p10.ranges_deg[3] == (-90.0, 0.0)
+    assert p10.configuration.ranges_deg[0] == (0.0, 90.0)
+    assert p10.configuration.ranges_deg[3] == (-90.0, 0.0)
     assert array.work is not None
     assert array.work.name == "wobj0"
     assert inline.tool is not None
     assert (inline.tool.name, inline.tool.transform) == ("tool2", None)
-    assert [each.line for each in found.left] == [6, 7, 8, 13]
+    assert [each.line for each in found.left] == [5, 6, 7]
 
 
 @pytest.mark.parametrize(
@@ -299,11 +298,11 @@ def test_urscript_poses_behind_a_frame_are_targets_in_it(tmp_path: Path) -> None
         """set_tcp(p[0,0,0.1,0,0,0])
 frame = p[0.2,-0.3,0,0,0,1.5]
 movel(pose_trans(frame, p[0.1,0,0.3,3.1,0,0]), a=1)
+table = p[0.4,-0.3,0,0,0,1.5]
 if get_digital_in(1):
-  frame = p[0.4,-0.3,0,0,0,1.5]
+  table = p[0.5,-0.3,0,0,0,1.5]
 end
-movel(pose_trans(frame, p[0.1,0,0.4,3.1,0,0]), a=1)
-frame = p[0.5,-0.3,0,0,0,1.5]
+movel(pose_trans(table, p[0.1,0,0.4,3.1,0,0]), a=1)
 pick = pose_trans(frame, p[0.1,0,0.5,3.1,0,0])
 movej(pose = pick)
 at = p[0.3,0,0.5,3.1,0,0]
@@ -316,14 +315,13 @@ movel(pose_trans(plane, p[0,0,0.2,0,3.1,0]))
 """,
     )
     assert frames(found) == {
-        "movel 3": ("the TCP of line 1", "frame of line 2"),
-        "pick 9": ("the TCP of line 1", "frame of line 8"),
+        "movel 3": ("the TCP of line 1", "frame"),
+        "pick 9": ("the TCP of line 1", "frame"),
         "at 11": ("the TCP of line 1", "base"),
         "movel 17": ("the TCP of line 1", "plane"),
     }
     left = reasons(found)
-    assert "frame of line 2" in left[7]
-    assert "frame of line 5" in left[7]
+    assert left[8] == "it stands behind table, which the program computes"
     assert left[13] == "an offset from at, which moves along with it"
     assert 14 in left
     assert "here, which the program computes" in left[16]
@@ -384,7 +382,7 @@ speeds = [0, 0, 0, 0, 0, 0]
     assert b"movej([d2r(60.000000), d2r( 0.000000 ), 0, 0, 1, 0])" in changed
 
 
-def test_urscript_targets_are_followed_into_other_variables_and_not_into_functions(tmp_path: Path) -> None:
+def test_urscript_targets_are_what_motions_go_to(tmp_path: Path) -> None:
     found = program(
         tmp_path,
         "a.script",
@@ -408,11 +406,10 @@ movel(W_p)
 textmsg(pose_dist(p1, get_actual_tcp_pose()))
 """,
     )
-    assert [t.name for t in found.targets] == ["p2", "W_p"]
+    assert [t.name for t in found.targets] == ["W_p"]
     assert found.targets[-1].near == (0.0, -1.5, 1.5, 0.0, 1.5, 0.0)
     assert {tool for tool, _ in frames(found).values()} == {"the TCP of line 4"}
-    assert reasons(found)[5] == "the variable is used by go, in no motion"
-    assert reasons(found)[7] == "line 15 sets one of its numbers anew"
+    assert [reasons(found)[line] for line in (5, 6, 7)] == ["no motion of the program uses it"] * 3
 
 
 def test_external_axes_are_told(tmp_path: Path) -> None:
@@ -487,8 +484,8 @@ END
         "LIN 19": ("TOOL_DATA[1]", "$NULLFRAME"),
         "PTP 29": ("TOOL_DATA[1]", "$NULLFRAME"),
     }
-    assert [t.ranges_bind for t in found.targets] == [False] * 4 + [True]
-    assert reasons(found)[5] == "a component of a structure"
+    assert [t.keeps_posture for t in found.targets] == [True] * 4 + [False]
+    assert reasons(found)[5] == "the definition of a tool or base, or another variable of the system"
     assert "several work frames" in reasons(found)[23]
     point = load_program(tmp_path / "A.DAT", [tmp_path / "$config.dat"])
     assert frames(point) == {"XP1 2": ("TOOL_DATA[1]", "$NULLFRAME")}
@@ -530,9 +527,9 @@ ENDMODULE
     path.write_text(text)
     found = load_program(path, [tools])
     assert frames(found) == {f"{name}": ("grip", "wobj0") for name in ("pick 2", "place 3", "up 6", "Move1 7")}
-    assert [t.ranges_bind for t in found.targets] == [True, True, False, False]
+    assert [t.keeps_posture for t in found.targets] == [False, False, True, True]
     left = reasons(found)
-    assert left[4].startswith("no move of the program uses it")
+    assert left[4] == "no motion of the program uses it"
     assert left[5] == "line 12 sets set.trans.z anew"
     assert "robhold" in left[8]
 

@@ -15,16 +15,17 @@ _OPENING = ("routine", "if", "loop")
 _DEEPEST = 40  # calls within calls that are followed
 
 Value = TypeVar("Value", bound=Hashable)
+Held = TypeVar("Held", bound=Hashable, covariant=True)
 
 
 @dataclass(frozen=True)
-class FlowEvent(Generic[Value]):
+class FlowEvent(Generic[Held]):
     """Something at a place of a program that its flow depends on."""
 
     place: int
     kind: Kind
     name: str = ""  # of a routine or a call; "else": "" if nothing else is taken; "loop": "always" if it is entered
-    value: Value | None = None  # of a "set"
+    value: Held | None = None  # of a "set"
 
 
 @dataclass(eq=False)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -66,6 +66,31 @@ class NamedFrame:
 
 
 @dataclass(frozen=True)
+class Arrival:
+    """A motion that ends at a target."""
+
+    is_joint: bool  # otherwise its posture is that of its start
+    after: frozenset[int]  # places of the targets from which it may come; `UNKNOWN_PLACE` for one that is not known
+
+
+UNKNOWN_PLACE = -1  # of a target
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What a program tells of a pose's posture, in its maker's numbers."""
+
+    ranges_deg: tuple[tuple[float, float], ...] = ()  # of each commanded joint value; () if none are told
+    behind: bool | None = None  # whether the wrist is on the other side of axis 1 than with all joints at 0
+    elbow: bool | None = None  # whether the wrist is ahead of the line from axis 2 to axis 3, as joint 3 turns
+    elbow_as_at_zero: bool | None = None  # whether it is on the side of that line on which it is with all joints at 0
+    axis_5_negative: bool | None = None
+
+
+NO_CONFIGURATION = Configuration()
+
+
+@dataclass(frozen=True)
 class ProgramTarget:
     """A target written as plain numbers in a program."""
 
@@ -76,9 +101,10 @@ class ProgramTarget:
     place: int = 0  # of the literal, characters from the start of the text
     tool: NamedFrame | None = None  # flange_T_tool; None for joints
     work: NamedFrame | None = None  # base_T_work; None for joints
-    ranges_deg: tuple[tuple[float, float], ...] = ()  # of each commanded joint value by the configuration; () if none
-    ranges_bind: bool = True  # whether the controller refuses another configuration
+    configuration: Configuration = NO_CONFIGURATION
+    keeps_posture: bool = False  # whether the controller keeps the posture of the way, whatever the configuration is
     near: tuple[float, ...] = ()  # joint values near those of a pose, in the program's own units; () if none are told
+    arrivals: tuple[Arrival, ...] = ()
 
     @property
     def values(self) -> Array:
@@ -244,6 +270,16 @@ class Source:
         """All identifiers in their order."""
         return self.scanned[1]
 
+    @cached_property
+    def by_start(self) -> dict[int, Group]:
+        """Brackets by the place of the opening one."""
+        return {group.start: group for group in self.groups}
+
+    def first_word(self, place: int) -> str:
+        """First identifier of the line of a place; "" where there is none."""
+        found = re.compile(r"\s*([A-Za-z_$][\w$]*)").match(self.code, self.line_start(place))
+        return found[1] if found else ""
+
     def before(self, place: int) -> str:
         """Code in front of a place, without blanks at its end."""
         return self.code[max(0, place - _HELD_BACK) : place].rstrip()
@@ -291,51 +327,6 @@ def shown(text: str) -> str:
     """Text in one line, cut where it is long."""
     words = " ".join(text[: 10 * _LONGEST_SHOWN].split())
     return words if len(words) <= _LONGEST_SHOWN else words[: _LONGEST_SHOWN - 3] + "..."
-
-
-def one_frame(frames: Iterable[NamedFrame]) -> NamedFrame | str:
-    """Frame that all uses of a target agree on, or the names where they do not."""
-    first, *others = dict.fromkeys(frames)
-    return f"{first.name} and {others[0].name}" if others else first
-
-
-@dataclass(frozen=True)
-class ParsedTarget:
-    """A target as it was read, before its tool and work frame are known."""
-
-    target: ProgramTarget
-    variable: str = ""  # that holds it; "" for one in a motion
-
-
-FramesOfUses = tuple[Iterable[NamedFrame], Iterable[NamedFrame]]  # tools and work frames
-
-
-def framed(
-    found: Sequence[ParsedTarget], frames_of: Callable[[ParsedTarget], FramesOfUses | str]
-) -> tuple[list[ProgramTarget], list[SkippedLiteral]]:
-    """Targets with the tool and work frame of their uses, and those that have no single one.
-
-    Args:
-        found: targets as they were read.
-        frames_of: tools and work frames of a pose's uses, or the reason why it is left.
-    """
-    targets: list[ProgramTarget] = []
-    left: list[SkippedLiteral] = []
-    for held in found:
-        target = held.target
-        if target.kind == "pose":
-            frames = frames_of(held)
-            tool, work = ("", frames) if isinstance(frames, str) else map(one_frame, frames)
-            if isinstance(tool, str) and tool:
-                work = f"it is used with several tools, {tool}; write a target for each"
-            elif isinstance(work, str) and not isinstance(frames, str):
-                work = f"it is used with several work frames, {work}; write a target for each"
-            if isinstance(tool, str) or isinstance(work, str):
-                left.append(SkippedLiteral(target.line, target.name, str(work)))
-                continue
-            target = replace(target, tool=tool, work=work)
-        targets.append(target)
-    return targets, left
 
 
 def external_axes(lines: Sequence[int]) -> tuple[str, ...]:
