@@ -17,6 +17,7 @@ from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, combination, identifiable_combinations
 from calib.kinematics.robot import LENGTH_KINDS
 from calib.plugins import contributions, load
+from calib.statistics import rms
 
 USUAL_MM = 0.5
 """RMS deviation of a link's length from its table, over nine recordings of six real arms with a tracker or a socket."""
@@ -28,6 +29,10 @@ _OTHERS = 6.0  # how many times the median deviation of the others: an arm that 
 _SIGMAS = 5.0  # by which an entry's deviation is known to be that large
 _MISFITS = 5.0  # times the residual sigma: a model that fits badly bends its links
 _TWIST_KINDS = ("alpha", "beta")
+_LEAST_SCALED_MM = 3.0 * USUAL_MM  # by which a common scale changes the longest length, from which it is told
+_LONG_MM = 50.0  # lengths that show a scale
+_FEWEST_LENGTHS = 3
+_LEFT_OF_SCALE = 0.3  # share of the lengths' deviations that a common scale may leave
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,29 @@ def doubtful_entries(calibration: Calibration) -> tuple[DoubtfulEntry, ...]:
 
 def taken_up_by_links(calibration: Calibration) -> list[str]:
     """Sentences on what else errs than the links, which have taken it up, without capital; [] where nothing shows."""
-    return [sentence for doubt in contributions(LinkDoubt) for sentence in load(doubt.sentences)(calibration)]
+    told = [sentence for doubt in contributions(LinkDoubt) for sentence in load(doubt.sentences)(calibration)]
+    scale = common_scale(calibration)
+    if scale is None:
+        return told
+    return [
+        *told,
+        f"all lengths came out {abs(100.0 * scale):.2f} % {'longer' if scale > 0.0 else 'shorter'} than robot.toml's, "
+        "alike: the scale of the instrument errs, or the size that its target is said to have, or a unit; measure a "
+        "certified length, and do not take the links for that long",
+    ]
+
+
+def common_scale(calibration: Calibration) -> float | None:
+    """Relative error that all lengths of a fitted table share, so that no arm has it but what measured it; or None."""
+    lengths = [(one, _off(calibration, one)) for one in _known_entries(calibration) if _is_of(one, LENGTH_KINDS)]
+    told = [(one.value - off, off) for one, off in lengths if abs(one.value - off) > _LONG_MM]
+    if len(told) < _FEWEST_LENGTHS:
+        return None
+    nominal_mm, off_mm = np.array(told).T
+    scale = float(nominal_mm @ off_mm) / float(nominal_mm @ nominal_mm)
+    left_mm = off_mm - scale * nominal_mm
+    shows = abs(scale) * float(np.abs(nominal_mm).max()) > _LEAST_SCALED_MM
+    return scale if shows and rms(left_mm) < _LEFT_OF_SCALE * rms(off_mm) else None
 
 
 def _known_entries(calibration: Calibration) -> list[Combination]:

@@ -26,6 +26,7 @@ from calib.consistency.hypotheses import (
     DataHypothesis,
     column_names,
     of_matching,
+    of_mirroring,
     of_other_lengths,
     of_reading,
     of_shifts,
@@ -163,7 +164,7 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = (), by_pla
             tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_sister_tables(dataset.robot)))
         return tried.judged()
     units, tables = of_units(dataset.robot, sample), of_sister_tables(dataset.robot)
-    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, [*simple, *units]))
+    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, [*simple, *units, of_mirroring()]))
     tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, tables))
     tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_shifts(dataset)))
     if tried.judged().problem is None:
@@ -402,7 +403,11 @@ class _FittedHypotheses:
         gain = self._gain(hypothesis)
         if hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now:
             return True
-        return self.beyond_effects and gain > MIN_GAIN and now > LEAST_FACTOR * then
+        if not self.beyond_effects or gain <= MIN_GAIN or now <= LEAST_FACTOR * then:
+            return False
+        # What still leaves most points where no effect could is not the mistake, or not the whole of it.
+        left_mm = float(np.median(np.linalg.norm(self.fits[hypothesis].after.error_mm, axis=1)))
+        return not is_beyond_effects(left_mm, self.now.dataset.robot)
 
     def _is_open(self, hypothesis: DataHypothesis) -> bool:
         return (

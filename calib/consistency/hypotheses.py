@@ -22,7 +22,8 @@ from calib.plugins import contributions, load
 from calib.rendering import numbers
 
 JOINT_SIGN, JOINT_ORDER, JOINT_ZERO = "joint_sign", "joint_order", "joint_zero"
-UNITS, ROBOT_TABLE, ROW_ORDER = "units", "robot_table", "row_order"
+UNITS, ROBOT_TABLE, ROW_ORDER, MIRRORED = "units", "robot_table", "row_order", "mirrored"
+_MIRROR = np.array([-1.0, 1.0, 1.0])  # any other reflection is this one and a turn
 
 _LENGTHS = {"inch": 25.4, "m": 1000.0, "cm": 10.0}  # that a file may be in where mm are expected
 _SHIFTS = (1, -1, 2, -2, 3, -3)  # rows by which a sheet may be out of step
@@ -46,6 +47,7 @@ class DataHypothesis:
     angle_scale: float = 1.0
     slide_scale: float = 1.0
     points_scale: float = 1.0
+    mirrored: bool = False
     robot: Robot | None = None
     rows: tuple[int, ...] = ()  # (N,) the row of joints that belongs to each pose; -1: none
     chosen_from: int = 1  # for tables with other lengths: how many there were to choose each of
@@ -59,7 +61,8 @@ class DataHypothesis:
     def of_sample(self, sample: Sample, robot: Robot) -> Sample:
         """Sample with the mistake corrected, for hypotheses that concern neither rows nor robot table."""
         q = self._joints_of(sample.q, robot.is_revolute)
-        return replace(sample, q=q, points_mm=sample.points_mm * self.points_scale)
+        points_mm = sample.points_mm * (self.points_scale * _MIRROR if self.mirrored else self.points_scale)
+        return replace(sample, q=q, points_mm=points_mm)
 
     def of_dataset(self, dataset: Dataset) -> Dataset:
         """Dataset with the mistake corrected."""
@@ -71,6 +74,8 @@ class DataHypothesis:
         poses = self._poses(poses, robot.is_revolute)
         if points is not None and self.points_scale != 1.0:
             points = _scaled(points, self.points_scale)
+        if points is not None and self.mirrored:
+            points = _mirrored(points)
         scanner, sigma_mm = dataset.scanner, dataset.scanner.point_sigma_mm
         if sigma_mm is not None:
             scanner = replace(scanner, point_sigma_mm=sigma_mm * self.points_scale)
@@ -104,6 +109,23 @@ def _scaled(points: Points, scale: float) -> Points:
     covariance = points.covariance_mm2
     return replace(
         points, xyz_mm=points.xyz_mm * scale, covariance_mm2=None if covariance is None else covariance * scale**2
+    )
+
+
+def _mirrored(points: Points) -> Points:
+    covariance = points.covariance_mm2
+    turned = None if covariance is None else covariance * np.outer(_MIRROR, _MIRROR)
+    return replace(points, xyz_mm=points.xyz_mm * _MIRROR, covariance_mm2=turned)
+
+
+def of_mirroring() -> DataHypothesis:
+    """Hypothesis that the points are told in a left-handed frame."""
+    return DataHypothesis(
+        MIRRORED,
+        "the points are told in a left-handed frame, as in a mirror",
+        "with x negated",
+        "negate one of the columns x, y and z of the points, or exchange two",
+        mirrored=True,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib import calibrate, check, diagnose
-from calib.calibration.table_doubts import doubtful_entries
+from calib.calibration.table_doubts import common_scale, doubtful_entries
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
 from calib.present.cause.verdict import verdict
@@ -67,3 +67,16 @@ def test_a_calm_verdict_and_the_check_ask_whether_the_table_is_right() -> None:
     document = found.to_dict()
     assert [entry["name"] for entry in document["table_doubts"]] == ["a2"]
     assert any(item.name == "robot table" and item.warning for item in check(dataset).items)
+
+
+@pytest.mark.parametrize("scale", [1.02, 0.985])
+def test_an_instrument_of_another_scale_is_told_and_no_link_is_doubted(scale: float) -> None:
+    dataset = measured_arm()
+    assert dataset.points is not None
+    scaled = dataset.with_points(replace(dataset.points, xyz_mm=scale * dataset.points.xyz_mm))
+    calibration = calibrate(scaled)
+    assert common_scale(calibration) == pytest.approx(scale - 1.0, abs=2.5e-3)
+    assert doubtful_entries(calibration) == ()
+    told = next(one for one in calibration_warnings(calibration) if one.startswith("all lengths came out"))
+    assert ("longer" if scale > 1.0 else "shorter") in told
+    assert common_scale(calibrate(dataset)) is None

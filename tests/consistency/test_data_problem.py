@@ -55,6 +55,7 @@ SHEETS: dict[str, tuple[Callable[[Dataset], Dataset], str, str]] = {
     "upside down": (lambda d: with_joints(d, d.poses.q[::-1]), "row_order", "turn the order"),
     "inch": (lambda d: with_points(d, 1.0 / 25.4), "units", "multiply x, y and z by 25.4"),
     "metres": (lambda d: with_points(d, 1e-3), "units", "multiply x, y and z by 1000"),
+    "left-handed": (lambda d: with_points(d, np.array([1.0, 1.0, -1.0])), "mirrored", "or exchange two"),
 }
 
 
@@ -211,3 +212,15 @@ def test_points_find_the_joints_that_reach_them(count: int) -> None:
     assert found.tolist() == source.tolist()
     if count > 6:
         assert matched_rows(arm_mm, rng.uniform(-500.0, 500.0, (count, 3))) is None
+
+
+@pytest.mark.parametrize("share", [0.1, 0.33])
+def test_bad_rows_turn_no_joint_and_no_unit(share: float) -> None:
+    dataset, rng = simulated("rb5"), np.random.default_rng(0)
+    assert dataset.points is not None
+    bad = rng.choice(len(dataset.points), round(share * len(dataset.points)), replace=False)
+    for wrong in (rng.normal(0.0, 30.0, (len(bad), 3)), 0.05 * dataset.points.xyz_mm[bad]):
+        xyz_mm = dataset.points.xyz_mm.copy()
+        xyz_mm[bad] += wrong
+        moved = dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+        assert suspicions(calibrate(moved), calibrate).problem is None

@@ -51,7 +51,7 @@ def verdict(diagnosis: Diagnosis) -> Words:
         "unexplained": _unexplained,
         "outliers": _outliers,
     }[diagnosis.verdict]
-    doubts = [numbers.capitalised(doubt) for doubt in table_doubts(diagnosis.calibration)]
+    doubts = [f"{numbers.capitalised(doubt).removesuffix('.')}." for doubt in table_doubts(diagnosis.calibration)]
     leading = "" if doubts else leading_entry_sentence(diagnosis.calibration)
     moved = move_sentences(diagnosis)
     return spans(tell(diagnosis), *(f" {one}" for one in (*moved, *doubts)), f" {leading}" if leading else "")
