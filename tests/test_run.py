@@ -120,17 +120,6 @@ def test_accepts_the_pythons_that_pyproject_and_open3d_accept():
     assert all(f"python_version < '3.{newest + 1}'" in line for line in wheels)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("args", [(), ("help",), ("--help",), ("-h",)])
-def test_help_needs_nothing(sandbox: Sandbox, args: tuple[str, ...]):
-    done, calls = sandbox.run(*args)
-    assert done.returncode == 0
-    assert "./run serve" in done.stdout
-    assert "./run test" in done.stdout
-    assert calls == []
-    assert not (sandbox.project / ".venv").exists()
-
-
 def test_first_call_installs_and_the_second_starts_at_once(sandbox: Sandbox):
     done, calls = sandbox.run("check", "some where/data", "--json")
     assert done.returncode == 0, done.stderr

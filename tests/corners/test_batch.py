@@ -6,8 +6,6 @@ import multiprocessing
 import os
 import pickle
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -23,7 +21,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib import find_corners
-from calib.corners.batch import search_file
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Scanner
 from calib.errors import CornerError, DatasetError
@@ -112,30 +109,6 @@ def test_the_same_to_the_bit_on_any_executor(dataset: Any, alone: dict[str, Corn
         assert bits(search) == bits(alone[pose_id])
     assert [step[:2] for step in steps] == [(i + 1, COUNT) for i in range(COUNT)]
     assert {step[2] for step in steps} == set(alone)
-
-
-@pytest.mark.slow
-def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances_last_digits(
-    dataset: Any, alone: dict[str, CornerSearch], tmp_path: Path
-) -> None:
-    """LAPACK's eigenvectors may depend on the number of threads in their last digits; a search takes one."""
-    copy = tmp_path / "another name.ply"
-    copy.write_bytes(dataset.scan_path(0).read_bytes())
-    code = (
-        "import sys; from pathlib import Path\n"
-        "from calib.corners.batch import search_file; from calib.jig import Jig\n"
-        "found = search_file(Path(sys.argv[1]), Jig(), 0.02).corner\n"
-        "print(found.xyz_mm.tobytes().hex(), found.covariance_mm2.tobytes().hex())"
-    )
-    corner = search_file(dataset.scan_path(0), Jig(), 0.02).corner
-    threads = {"OPENBLAS_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}  # conftest.py sets 1
-    said = subprocess.run(
-        [sys.executable, "-c", code, str(copy)],
-        env={**os.environ, **threads}, check=True, capture_output=True, text=True,
-    ).stdout.split()  # fmt: skip
-    assert said[0] == corner.xyz_mm.tobytes().hex()
-    covariance = np.frombuffer(bytes.fromhex(said[1])).reshape(3, 3)
-    np.testing.assert_allclose(covariance, corner.covariance_mm2, rtol=1e-9)
 
 
 @pytest.mark.slow

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calib import calibrate, diagnose
+from calib import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.effects.catalogue.loads import JointCompliance
@@ -17,8 +16,6 @@ from calib.effects.state import RobotState
 from calib.errors import DatasetError
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model
-from calib.present.cause.diagnosis import diagnosis_document
-from calib.strict_json import to_json
 from tests.support.mujoco_arm import mujoco
 from tests.support.signal_cell import COMPLIANCE, Measured, measured, write
 
@@ -63,17 +60,6 @@ def test_compliance_without_masses_from_torque_of_drive_or_load(tmp_path: Path, 
     np.testing.assert_allclose(torque_nm[:, 1:3], cell.torque_nm[:, 1:3], atol=0.6)
     assert_compliance(dataset)
     assert "drive" in dataset.notes[0] if sign < 0.0 else "load's own" in dataset.notes[0]
-
-
-@pytest.mark.thorough
-def test_diagnosis_names_compliance_and_says_that_the_torque_was_measured(tmp_path: Path, cell: Measured) -> None:
-    diagnosis = diagnose(write(tmp_path / "cell", cell, columns(cell, 0.3)))
-    assert (diagnosis.verdict, diagnosis.missing) == ("named", ("joint_compliance",))
-    assert "the measured torque is the load of joints 2, 3" in diagnosis.summary()
-    document = json.loads(to_json(diagnosis_document(diagnosis, None)))
-    assert [load["column"] for load in document["measured_loads"]] == ["torque2_nm", "torque3_nm"]
-    test = diagnosis.calibration.after.test
-    assert test.rmse_mm < 0.15
 
 
 def test_noise_in_the_torque_does_not_shrink_the_compliance(tmp_path: Path, cell: Measured) -> None:

@@ -79,13 +79,6 @@ def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screeni
     assert "(transmission_error) explains it best" in plain(advice_words(advice))
 
 
-@pytest.mark.slow
-def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
-    found = judged(clean[0].dataset)
-    assert isinstance(found, Diagnosis)
-    assert found.verdict == "adequate"
-
-
 def test_each_result_of_the_residual_tests_has_its_words(
     clean: tuple[Calibration, Screening, ResidualTests],
 ) -> None:

@@ -86,66 +86,6 @@ def test_every_name_of_the_public_face_is_in_the_reference():
 
 KINDS = ("function", "class", "exception")
 
-SCRIPT = '''"""A line
-
-It is drawn.
-"""
-
-from inspector.figures.style import figure as figure_of
-
-# %%
-# Two points
-# of text.
-
-print("made")
-axis = {"title": "x"}
-figure = figure_of(
-    [{"type": "scatter", "mode": "lines", "x": [0, 1], "y": [0, 1]}],
-    xaxis=axis, yaxis=axis, margin=(1, 1, 1, 1),
-)  # fmt: skip
-figure.update_layout(title_text="A line <b>")
-figure.show()
-'''
-
-
-def script_of(folder: Path, text: str) -> Path:
-    path = folder / "line.py"
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
-def test_a_script_becomes_a_page_with_its_figure_and_what_it_prints(tmp_path: Path):
-    gallery = import_module("gallery")
-    script = gallery.read_script(script_of(tmp_path, SCRIPT))
-    assert (script.title, script.intro) == ("A line", "It is drawn.")
-    assert [(cell.text, cell.line) for cell in script.cells] == [("", 6), ("Two points\nof text.", 12)]
-    shown = gallery.run_script(script, ROOT / "sample_data")
-    assert shown[1].printed == "made\n"
-    page = gallery.page_of(script, shown, "line.py")
-    assert 'aria-label="A line &lt;b&gt;"' in page
-    assert "fmt: skip" not in page
-    assert "/generated/gallery/line" in gallery.index_of([script], [shown])
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        ('print("made")', "1 / 0", "line.py:12: ZeroDivisionError"),
-        ("figure.show()", "", "it shows no figure"),
-        ('figure.update_layout(title_text="A line <b>")', "", "needs layout.title"),
-        ("It is drawn.", "", "a docstring with a title"),
-    ],
-)
-def test_a_script_that_fails_stops_the_build_and_says_where(tmp_path: Path, old: str, new: str, says: str):
-    from sphinx.errors import ExtensionError
-
-    gallery = import_module("gallery")
-    before = Path.cwd()
-    with pytest.raises(ExtensionError) as caught:
-        gallery.run_script(gallery.read_script(script_of(tmp_path, SCRIPT.replace(old, new))), ROOT / "sample_data")
-    assert says in str(caught.value)
-    assert Path.cwd() == before
-
 
 def test_a_name_in_a_signature_leads_to_what_it_names():
     """An alias such as ArrayLike keeps its name: it is no `Union`."""

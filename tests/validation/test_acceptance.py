@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from calib import check, find_corners
-from calib.corners.batch import search_file
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.jig import Jig
-from calib.scans.scan import READERS, PointCount, write_scan
+from calib.scans.scan import READERS, PointCount
 from calib.validation.acceptance import CheckItem, ErrorRatio, ResidualSigma, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
@@ -163,12 +162,6 @@ def test_a_scan_that_cannot_be_read_is_not_counted(scans: Path) -> None:
     assert counts["p0001"] is None
     assert counts["p0000"].dropped == 0
     assert counts["p0002"].dropped == 9000
-
-
-def test_written_scans_lose_nothing(tmp_path: Path) -> None:
-    scan = make_scene(np.random.default_rng(0), 500).scan
-    write_scan(tmp_path / "a.ply", scan)
-    assert search_file(tmp_path / "a.ply", Jig()).count == PointCount(len(scan.points_mm), 0)
 
 
 @pytest.mark.slow

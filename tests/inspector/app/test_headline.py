@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import re
 from html import unescape
-from pathlib import Path
 
 import pytest
 
 from calib.present.cause.budget import budget_parts
 from calib.present.fit.error_headline import stage_error
 from inspector.app.app import App
-from inspector.app.serving import serving
 from inspector.markup.headline import TO_FIND, headline_html
-from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Doing, Progress
+from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Doing
 from inspector.session.session import Session
 from inspector.session.view import View
 from tests.support.app import IDLE_S, plain
-from tests.support.tiny_dataset import write_tiny
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
@@ -68,20 +65,3 @@ def test_the_bar_divides_the_error_between_the_causes_of_the_model_on_show(app: 
     assert bar.count("<i ") == len(session.budget.shares)
     assert session.budget.shares[0].cause == "geometry"
     assert "headline-budget" not in headline_html(View(Session(session.dataset)), Doing())
-
-
-@pytest.mark.thorough
-def test_before_there_is_a_model_it_says_what_is_done_and_what_comes_next(app: App, tmp_path: Path) -> None:
-    unfitted = Session(app.state.session.dataset)
-    html = headline_html(View(unfitted), Doing())
-    assert steps_of(html)[FIT] == "next"
-    assert "Fitting the arm" in html
-    assert "too few points" in headline_html(View(unfitted), Doing(problem="too few points"))
-    assert Progress.of(unfitted).next == FIT
-    with serving(write_tiny(tmp_path), port=0) as searching, WireClient(searching.server.get_port()) as page:
-        page.wait(lambda p: re.search(r"Looking for the jig's corner in each scan: \d of \d+", plain(p)))
-        assert steps_of(page.text())[MEASURE] == "next"
-        assert searching.stage.view_name == "All scans"  # what is being searched
-        assert searching.worker.wait_idle(IDLE_S)
-        assert searching.stage.view_name == "Arm"  # and then the model, where nobody chose anything else
-        page.wait(lambda p: "as delivered" in plain(p))

@@ -113,8 +113,3 @@ def test_a_search_that_began_before_the_first_fit_is_not_the_next_datasets(app: 
     app.state.open("two", Session(session(app).dataset.leave_out(["p02"])))
     assert list(running) == []
     assert came == [None]
-
-
-def test_points_without_orientations_are_offered_no_full_poses(page: WireClient) -> None:
-    for label in ("Fit", "Measured"):
-        assert list(page.props(label)["options"]) == ["position", "distance", "pairs"]

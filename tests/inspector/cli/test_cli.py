@@ -211,15 +211,6 @@ def test_what_is_no_file_is_not_replaced_by_one(
     assert "rb5, panda" in refused("simulate", tmp_path / "new", "--robot", "rb6")
 
 
-@pytest.mark.slow
-def test_known_sums_are_told(points_folder: Path) -> None:
-    document = answered("calibrate", points_folder)
-    sums = {tuple(s["parameters"]): s for s in document["known_sums"]}
-    assert sums[("d6", "dTCP")]["sigma"] < 0.1 * sums[("d6", "dTCP")]["worst_part_sigma"]
-    assert not any("d1" in names for names in sums)
-    assert "d6 + dTCP = " in printed("calibrate", points_folder)
-
-
 def test_redundancy_has_the_promised_keys(points_folder: Path) -> None:
     document = answered("redundancy", points_folder)
     names = document["parameters"]

@@ -10,7 +10,6 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from calib.rendering.numbers import parameter_label
 from inspector.figures.plots import (
     convergence,
     correlation_heatmap,
@@ -35,14 +34,6 @@ def _pearson() -> np.ndarray:
          [0, -1, 0.1, np.nan, 1]]
     )  # fmt: skip
     return r
-
-
-@pytest.mark.parametrize(
-    ("name", "label"),
-    [("alpha3", "α3"), ("beta1", "β1"), ("thetaTCP", "θTCP"), ("a2", "a2"), ("dTCP", "dTCP")],
-)
-def test_parameter_label(name: str, label: str) -> None:
-    assert parameter_label(name) == label
 
 
 def test_heatmap_reads_from_the_top_left() -> None:

@@ -16,7 +16,6 @@ from calib.scans.scan import load_scan
 from inspector.app.app import App
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.parts.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
-from inspector.panels.model.compare import SHOW_ARM
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import BY_ERROR, BY_ROLE
 from tests.support.app import IDLE_S, idle, plain
@@ -146,9 +145,3 @@ def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireCli
     idle(app)
     page.wait(lambda p: "no place for the jig's model" in plain(p))
     page.wait(lambda p: not [n for n in p.scene if n.startswith((f"{ROOT}/jig/", f"{ROOT}/distance/"))])
-
-
-def test_points_alone_offer_the_views_that_they_have(app: App, page: WireClient) -> None:
-    assert list(page.props("3D view")["options"]) == ["Arm", "All points", "Point"]
-    shows = [m for m in page.gui.values() if SHOW_ARM in m["props"].get("options", ())]
-    assert [list(m["props"]["options"]) for m in shows] == [[SHOW_ARM]]

@@ -14,10 +14,7 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.fingerprint import fingerprint
-from calib.diagnosis.effect_selection import calibrate_with
 from calib.errors import CalibError
-from calib.noise_shape import CorrelatedDrift, NoiseShape
-from calib.options import FitOptions
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, opening, reopened
@@ -71,18 +68,6 @@ def test_everything_comes_back_to_the_last_bit(worked_on: Session, saved: Path, 
     assert str(again.history) == str(worked_on.history)  # nan is not equal to itself
     assert selections(again) == selections(worked_on)
     assert load_session(saved).shown == Shown("p0007", "All corners", True, 300.0, 1000.0)
-
-
-@pytest.mark.thorough
-def test_the_shape_of_the_noise_comes_back(worked_on: Session, folder: Path, tmp_path: Path) -> None:
-    shape = NoiseShape(0.5, 3.0, growth_per_m=0.1, distance_mm=900.0, wander=CorrelatedDrift(0.5, 80.0), tail=4.0)
-    options = FitOptions(noise=shape)
-    fits = [calibrate_with(worked_on.dataset, s.selected, options) for s in worked_on.steps]
-    steps = [replace(step, calibration=fit) for step, fit in zip(worked_on.steps, fits, strict=True)]
-    save_session(tmp_path / "s.json", sessions.with_steps(worked_on, steps))
-    again, _ = opened(tmp_path / "s.json", folder)
-    assert again.calibration.options.noise == shape
-    assert load_session(tmp_path / "s.json").history[1].noise == shape
 
 
 def test_a_session_that_version_0_1_0_saved_opens_and_is_written_as_it_was() -> None:
