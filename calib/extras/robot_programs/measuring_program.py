@@ -1,8 +1,7 @@
 """Programs that measure planned poses: move to each, wait until the arm has settled, trigger, and record the joints.
 
-Each language has a text template in `templates/` (Jinja2), and a user's own template takes its place; `--template` of
-`inspector plan` documents what a template may use (`placeholders`). Every move is a joint move that ends at rest, as
-the ways between poses were checked for collisions that way. Sources: Universal Robots, *The URScript Programming
+Each language has a text template in `templates/` (Jinja2). Every move is a joint move that ends at rest, as the ways
+between poses were checked for collisions that way. Sources: Universal Robots, *The URScript Programming
 Language* (`movej`, `is_steady`, sockets, `popup`); KUKA, *KSS System Software, Operating and Programming Instructions
 for System Integrators* (`PTP`, `$VEL_AXIS`, `PULSE`, `WAIT FOR`, `$AXIS_ACT`, values of a data list that outlive the
 run); ABB, *Technical reference manual, RAPID Instructions, Functions and Data types* (`MoveAbsJ`, `WaitTime \\InPos`,
@@ -13,18 +12,14 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
-from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from traceback import extract_tb
 from typing import Literal
 
 import numpy as np
-from jinja2 import StrictUndefined, Template, TemplateError, TemplateSyntaxError, meta, nodes
-from jinja2.sandbox import ImmutableSandboxedEnvironment
+from jinja2 import Environment, StrictUndefined
 
 from calib.array_types import BoolArray
 from calib.errors import CalibError
@@ -32,16 +27,14 @@ from calib.extras.robot_programs.point_lists import identifiers, plain_line, req
 from calib.robot_formats.joint_targets import JointTarget, MeasuringStep
 
 TEMPLATES = {".script": ("measure.script",), ".src": ("measure.src", "measure.dat"), ".mod": ("measure.mod",)}
-"""Shipped templates by the suffix of a program; further ones are of files that stand beside it."""
+"""Templates by the suffix of a program; further ones are of files that stand beside it."""
 LANGUAGES = {".script": "URScript", ".src": "KRL", ".mod": "RAPID"}
 LONGEST = {".script": 32, ".src": 24, ".mod": 32}  # characters of a name; URScript tells no limit
-_LONGEST_OTHER = 24
 SPEEDS = {
     ".script": (15.0, 180.0, "deg/s of the leading joint"),
     ".src": (10.0, 100.0, "% of each axis's own top speed"),
     ".mod": (100.0, 7000.0, "mm/s of the tool"),
 }  # usual and highest, with the unit
-_OTHER_SPEED = (10.0, 1e4, "in the template's own unit")
 SETTLE_S, STAND_S, PULSE_S = 1.0, 3.0, 0.2
 _KEPT_FREE = (
     "measure_here", "joints", "answer", "joints_file", "recorded", "instrument", "slow", "axis_number", "label",
@@ -101,92 +94,30 @@ class TemplatePose(TemplatePoint):
     ask: str
 
 
-@dataclass(frozen=True)
-class ProgramTemplate:
-    """A template, read and checked: its syntax, and that it knows only the placeholders there are."""
-
-    source: str  # file, for messages
-    text: str
-
-    def __post_init__(self) -> None:
-        try:
-            tree = _ENVIRONMENT.parse(self.text)
-            used = meta.find_undeclared_variables(tree)
-            self.compiled  # noqa: B018 - filters are looked up as it is compiled
-        except TemplateSyntaxError as error:
-            raise CalibError(f"{self.source}: line {error.lineno}: {error.message}; see the shipped template") from None
-        unknown = [node for node in tree.find_all(nodes.Name) if node.name in used - PLACEHOLDERS.keys()]
-        if unknown:
-            first = min(unknown, key=lambda node: node.lineno)
-            near = get_close_matches(first.name, PLACEHOLDERS, 1)
-            meant = f"; did you mean {near[0]}?" if near else ""
-            known = ", ".join(PLACEHOLDERS)
-            raise CalibError(
-                f"{self.source}: line {first.lineno}: no placeholder {first.name!r}{meant}; there are {known}"
-            )
-        if not used & {"poses", "points"}:
-            raise CalibError(f"{self.source}: uses neither poses nor points, so its program would not move the arm")
-
-    @cached_property
-    def compiled(self) -> Template:
-        """The template as Jinja2 has it."""
-        return _ENVIRONMENT.from_string(self.text)
-
-    def filled(self, values: Mapping[str, object]) -> str:
-        """Text of the template with values in the places of its placeholders. Raises CalibError with the line."""
-        try:
-            return self.compiled.render(values)
-        except (TemplateError, TypeError, ValueError, ArithmeticError, LookupError, AttributeError) as error:
-            lines = [each.lineno for each in extract_tb(error.__traceback__) if each.filename == _TEMPLATE_FILE]
-            place = f"line {lines[-1]}: " if lines else ""
-            raise CalibError(f"{self.source}: {place}{error}; see the shipped template") from None
-
-
-def template_of(path: Path) -> ProgramTemplate:
-    """A user's template, read and checked. Raises CalibError."""
-    try:
-        return ProgramTemplate(str(path), path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CalibError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError as error:
-        raise CalibError(f"{path}: is no UTF-8 text (byte {error.start}); save the template as UTF-8") from None
-
-
-def shipped_template(path: Path) -> str:
-    """Text of the shipped template for a program's language. Raises CalibError for a suffix that has none."""
-    suffix = path.suffix.lower()
-    if suffix not in TEMPLATES:
-        raise CalibError(f"{path}: there are shipped templates for {', '.join(TEMPLATES)}, none for {suffix!r}")
-    return _shipped(TEMPLATES[suffix][0]).text
-
-
 def program_files(path: Path) -> tuple[Path, ...]:
     """Files of a program: its own, and those that come with it."""
     suffix = path.suffix.lower()
     return path, *(path.with_suffix(Path(name).suffix) for name in TEMPLATES.get(suffix, ())[1:])
 
 
-def _shipped(name: str) -> ProgramTemplate:
-    text = (files("calib.extras.robot_programs") / "templates" / name).read_text(encoding="utf-8")
-    return ProgramTemplate(name, text)
+def _template(name: str) -> str:
+    return (files("calib.extras.robot_programs") / "templates" / name).read_text(encoding="utf-8")
 
 
-def check_program(path: Path, options: MeasuringOptions, own_template: bool) -> None:
+def check_program(path: Path, options: MeasuringOptions) -> None:
     """Raise CalibError for a program whose language is not known, or cannot do what the options ask for."""
     suffix = path.suffix.lower()
     if suffix not in TEMPLATES:
-        if own_template:
-            return
         raise CalibError(
             f"{path}: a measuring program is written as .script (URScript), .src (KRL, with its .dat) or .mod (RAPID); "
-            "for another language give your own --template"
+            "for another controller write the poses as .csv"
         )
     language = LANGUAGES[suffix]
     if identifiers([path.stem], LONGEST[suffix])[0] != path.stem:
         name = identifiers([path.stem], LONGEST[suffix])[0]
         raise CalibError(f"{path}: a program of {language} cannot be called {path.stem!r}; {name}{suffix} will do")
     if suffix == ".src" and options.trigger.kind == "socket":
-        raise CalibError(f"{path}: KRL itself has no sockets; trigger by output:NUMBER, or give your own --template")
+        raise CalibError(f"{path}: KRL itself has no sockets; trigger by output:NUMBER")
     if options.measured.kind == "reply" and options.trigger.kind != "socket":
         raise CalibError(f"{path}: --measured reply is read from the socket of --trigger socket:HOST:PORT; give both")
     for option, signal in (("--trigger output", options.trigger.signal), ("--measured input", options.measured.signal)):
@@ -217,7 +148,6 @@ def measuring_program(
     is_revolute: BoolArray,
     heading: Sequence[str],
     options: MeasuringOptions | None = None,
-    template: ProgramTemplate | None = None,
 ) -> dict[Path, str]:
     """Files of a program that measures poses in their order, by the language of the path's suffix.
 
@@ -227,22 +157,17 @@ def measuring_program(
         is_revolute: (n,) which joints turn.
         heading: first lines, as comments; the settings follow them.
         options: how it moves, waits and triggers; None: the usual ones, without a trigger.
-        template: the user's own in the place of the shipped one; for any language.
 
     Raises:
-        CalibError: a language or arm that does not fit, or a fault of the template.
+        CalibError: a language or arm that does not fit.
     """
     options = options or MeasuringOptions()
     suffix = path.suffix.lower()
-    check_program(path, options, template is not None)
-    if suffix in TEMPLATES:
-        require_joints(path, LANGUAGES[suffix], is_revolute.tolist(), "; give your own --template for it")
+    check_program(path, options)
+    require_joints(path, LANGUAGES[suffix], is_revolute.tolist(), "; write the poses as .csv")
     values = _values(path, steps, is_revolute, heading, options)
-    own, *beside = program_files(path)
-    made = {own: (template or _shipped(TEMPLATES[suffix][0])).filled(values)}
-    for further, name in zip(beside, TEMPLATES.get(suffix, ())[1:], strict=True):
-        made[further] = _shipped(name).filled(values)
-    return made
+    templates = zip(program_files(path), TEMPLATES[suffix], strict=True)
+    return {file: _ENVIRONMENT.from_string(_template(name)).render(values) for file, name in templates}
 
 
 def _values(
@@ -252,12 +177,11 @@ def _values(
     heading: Sequence[str],
     options: MeasuringOptions,
 ) -> dict[str, object]:
-    """Values of `PLACEHOLDERS`."""
+    """Values of the templates' placeholders."""
     suffix = path.suffix.lower()
-    longest = LONGEST.get(suffix, _LONGEST_OTHER)
     targets = [target for step in steps for target in (*step.way, step.target)]
     free = [path.stem, f"run_{path.stem}", *_KEPT_FREE]
-    whole, *names = identifiers([*free, *(target.name for target in targets)], longest)
+    whole, *names = identifiers([*free, *(target.name for target in targets)], LONGEST[suffix])
     named = iter(names[len(free) - 1 :])
     poses: list[TemplatePose] = []
     points: list[TemplatePoint] = []
@@ -266,7 +190,7 @@ def _values(
         at = _point(next(named), step.target, is_revolute)
         poses.append(TemplatePose(at.name, at.label, at.rad, at.deg, number, way, quoted(step.ask)))
         points += [*way, poses[-1]]
-    usual, _, unit = SPEEDS.get(suffix, _OTHER_SPEED)
+    usual, _, unit = SPEEDS[suffix]
     speed = usual if options.speed is None else options.speed
     return {
         "program": whole,
@@ -317,55 +241,13 @@ def quoted(text: str) -> str:
     return plain_line(text).replace('"', "'").replace("\\", "/")
 
 
-# ---- what a template may use ----------------------------------------------------------------------------------------
-
-PLACEHOLDERS = {
-    "program": "name of the program: the file's name",
-    "heading": "lines that tell what it is and its settings, for comments",
-    "points": "all joint targets in the order of the motion, each with name, label, rad and deg",
-    "poses": "poses in order, each as a point, and number (from 1), way (points to pass), ask (what a person is told)",
-    "speed": "speed in the unit of the language",
-    "settle_s": "s at rest before the trigger",
-    "stand_s": "s at rest after the trigger, where nothing tells that it is measured",
-    "trigger": "kind (none, output or socket), signal, host, port",
-    "pulse_s": "s that the pulse of an output lasts",
-    "measured": "kind (time, input or reply), signal",
-    "tool": "name or number of the tool; empty where none is given",
-}  # fmt: skip
-FILTERS = {
-    "digits": "one number or several with so many decimals: {{ point.rad | digits(9) }}",
-    "whole": "a number without decimals",
-    "radians": "degrees as radians",
-    "wrapped": "a text as lines of so many characters",
-}
-_TEMPLATE_FILE = "<template>"
-
-
 def _digits(values: float | Sequence[float], decimals: int, between: str = ", ") -> str:
+    """One number or several with so many decimals."""
     every = [values] if isinstance(values, int | float) else values
-    return between.join(f"{value:.{int(decimals)}f}" for value in every)
+    return between.join(f"{value:.{decimals}f}" for value in every)
 
 
-def _whole(value: float) -> str:
-    return f"{value:.0f}"
-
-
-def _radians(values: Sequence[float]) -> list[float]:
-    return [float(value) for value in np.radians(values)]
-
-
-def _wrapped(text: str, width: int) -> list[str]:
-    return textwrap.wrap(text, int(width))
-
-
-def _environment() -> ImmutableSandboxedEnvironment:
-    """Jinja environment for text, in which a template can call nothing but filters."""
-    made = ImmutableSandboxedEnvironment(
-        undefined=StrictUndefined, autoescape=False, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    made.globals.clear()
-    made.filters |= {"digits": _digits, "whole": _whole, "radians": _radians, "wrapped": _wrapped}
-    return made
-
-
-_ENVIRONMENT = _environment()
+_ENVIRONMENT = Environment(
+    undefined=StrictUndefined, autoescape=False, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+)
+_ENVIRONMENT.filters |= {"digits": _digits, "radians": np.radians, "wrapped": textwrap.wrap}

@@ -193,7 +193,8 @@ def _with_joints(program: Program, nominal: Robot, tools: Frames, works: Frames)
     for place, posture in zip(told, found, strict=True):
         if not posture.several:
             known[place] = replace(poses.pop(place)[1], q=posture.q, reason=posture.reason, posture=told[place])
-    return [(known | _Ways(program, nominal, known, poses).followed())[target.place] for target in program.targets]
+    known |= _Ways(program, nominal, known, poses).followed()
+    return [known[target.place] for target in program.targets]
 
 
 def _written(program: Program, nominal: Robot, values: Array) -> Array:

@@ -42,14 +42,12 @@ parsed_wait_s = values.number_that(
 
 @dataclass(frozen=True, kw_only=True)
 class PlanProgramOptions:
-    """The program that measures the poses: its file, template, speed, waits and signals."""
+    """The program that measures the poses: its file, speed, waits and signals."""
 
     program: Path | None = option(
         "write the program that moves to each pose, settles, triggers, waits and records the joints: .script "
         "(URScript), .src (KRL, and its .dat), .mod (RAPID)",
     )
-    template: Path | None = option("of --program: your own template (Jinja2), for any language")
-    template_out: Path | None = option("write the template of --program's language, to be edited")
     speed: float | None = option(
         "of --program: URScript deg/s of the leading joint (default 15), KRL %% of each axis's top speed (10), "
         "RAPID mm/s of the tool (100)",

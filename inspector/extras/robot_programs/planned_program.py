@@ -5,26 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import CalibError
-from calib.extras.robot_programs.measuring_program import (
-    MeasuringOptions,
-    ProgramTemplate,
-    check_program,
-    measuring_program,
-    template_of,
-)
+from calib.extras.robot_programs.measuring_program import MeasuringOptions, measuring_program
 from calib.planning.plan import Plan
 from calib.planning.ways import steps_of
 
 
-def check_plan_program(path: Path, options: MeasuringOptions, template: Path | None) -> ProgramTemplate | None:
-    """User's template of a measuring program, read. Raises CalibError for what cannot be written."""
-    check_program(path, options, template is not None)
-    return None if template is None else template_of(template)
-
-
-def planned_program(
-    path: Path, plan: Plan, options: MeasuringOptions, template: ProgramTemplate | None = None
-) -> dict[Path, str]:
+def planned_program(path: Path, plan: Plan, options: MeasuringOptions) -> dict[Path, str]:
     """Files of the program that measures a plan's poses, with their content.
 
     Raises CalibError for an arm that its language cannot hold, and for a pose to which no free way was found.
@@ -44,7 +30,7 @@ def planned_program(
         "What is not known was not checked. Run it slowly first, a hand on the stop.",
     )
     steps = steps_of(robot, plan.poses, plan.ways)
-    return measuring_program(path, steps, robot.is_revolute, heading, options, template)
+    return measuring_program(path, steps, robot.is_revolute, heading, options)
 
 
 def usual_program(path: Path, plan: Plan) -> dict[Path, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,6 +60,62 @@ def listed(language: str, values: np.ndarray, decimals: int = 9) -> str:
     if language == "RAPID":
         return f"[{','.join(texts[:3])}],[{','.join(texts[3:])}]"
     return f"p[{', '.join(texts)}]"
+
+
+def program_of(
+    language: str,
+    stands: Callable[[np.ndarray], np.ndarray],
+    joints: np.ndarray,
+    flange_T_tool: np.ndarray,
+    base_T_work: np.ndarray,
+) -> str:
+    """A program with joint targets (N, 6), rad, each followed by the pose at its place; URScript has no work frame."""
+    work = np.eye(4) if language == "URScript" else base_T_work
+    poses = [np.linalg.inv(work) @ stands(q) @ flange_T_tool for q in joints]
+    tool, base = (listed(language, makers(language, frame)) for frame in (flange_T_tool, work))
+    lines = []
+    if language == "URScript":
+        lines = ["def prog():", f"  set_tcp({tool})  # the tool"]
+        for q, pose in zip(joints, poses, strict=True):
+            lines.append(f"  movej([{', '.join(f'{v:.9f}' for v in q)}], a=1.4)")
+            lines.append(f"  movel({listed(language, makers(language, pose))}, v=0.1)")
+        return "\n".join([*lines, "end", ""])
+    degrees = np.degrees(joints)
+    if language == "KRL":
+        lines = ["DEF prog()", f"$TOOL={{{tool}}}", f"$BASE={{{base}}} ; the fixture"]
+        for q, pose in zip(degrees, poses, strict=True):
+            lines.append(f"PTP {{{','.join(f'A{k + 1} {v:.7f}' for k, v in enumerate(q))},E1 3.5}}")
+            turns = sum(int(v < 0.0) << k for k, v in enumerate(q))
+            lines.append(f"LIN {{{listed(language, makers(language, pose))},S 2,T {turns},E1 3.5}} C_DIS")
+        return "\r\n".join([*lines, "END", ""])
+    lines = [
+        "MODULE M",
+        f"PERS tooldata grip:=[TRUE,[{tool}],[1,[0,0,1],[1,0,0,0],0,0,0]];",
+        f'PERS wobjdata table:=[FALSE,TRUE,"",[{base}],[[0,0,0],[1,0,0,0]]];',
+    ]
+    axes = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+    for k, (q, pose) in enumerate(zip(degrees, poses, strict=True)):
+        lines.append(f"CONST jointtarget j{k}:=[[{','.join(f'{v:.7f}' for v in q)}],{axes}]; ! {k}")
+        quadrants = ",".join(str(int(np.floor(q[axis] / 90.0))) for axis in (0, 3, 5))
+        lines.append(
+            f"CONST robtarget p{k}:=[{listed(language, makers(language, pose))},[{quadrants},0],{axes}]; ! {k}"
+        )
+    lines += ["PROC main()", *(f"MoveL p{k},v100,z10,grip\\WObj:=table;" for k in range(len(poses))), "ENDPROC"]
+    return "\n".join([*lines, "ENDMODULE", ""])
+
+
+def read_back(language: str, text: str) -> tuple[np.ndarray, np.ndarray]:
+    """Joints, rad, and the numbers of the poses in a program of `program_of`."""
+    patterns = {
+        "URScript": (r"movej\(\[([^\]]*)\]", r"movel\(p\[([^\]]*)\]"),
+        "KRL": (r"PTP \{([^}]*?),E1", r"LIN \{([^}]*?)(?:,S|,E1)"),
+        "RAPID": (r"jointtarget j\d:=\[\[([^\]]*)\]", r"robtarget p\d:=\[\[([^\]]*\],\[[^\]]*)\]"),
+    }[language]
+    found = []
+    for pattern in patterns:
+        cleaned = [re.sub(r"[A-Z]\d? ", "", m[1]) for m in re.finditer(pattern, text)]
+        found.append(np.array([[float(v) for v in re.findall(NUMBER, each)] for each in cleaned]))
+    return (found[0] if language == "URScript" else np.radians(found[0])), found[1]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.extras.robot_programs.program_correction import ProgramCorrection, corrected_program
+from calib.extras.robot_programs.program_correction import corrected_program
 from calib.extras.robot_programs.program_targets import load_program
 from calib.frames import apply
 from calib.kinematics.flange import flange_frames
@@ -19,16 +18,15 @@ from calib.kinematics.robot import FixedFrame, Robot
 from calib.kinematics.tool_point import with_own_tool_point
 from calib.models.fitted_model import FittedModel
 from inspector.cli.parser import main
-from tests.extras.robot_programs.controllers import LANGUAGES, NUMBER, Arm, inverse, listed, makers, of_maker, transform
+from tests.extras.robot_programs.controllers import LANGUAGES, Arm, inverse, of_maker, program_of, read_back, transform
 
 UR = Arm.of(  # a UR10e, whose 116.55 mm from the last joint to the flange are the fixed joint's
     [[0, 0, 180.7], [0, 0, 0], [-612.7, 0, 0], [-571.55, 0, 174.15], [0, -119.85, 0], [0, 0, 0], [0, 0, 116.55]],
     [[0, 0, 0], [np.pi / 2, 0, 0], [0, 0, 0], [0, 0, 0], [np.pi / 2, 0, 0], [-np.pi / 2, 0, 0], [0, 0, np.pi / 2]],
     [[0, 0, 1]] * 6,
 )
-TOOL = transform(
-    Rotation.from_euler("xyz", [0.2, -0.1, 0.7]), [30.0, -20.0, 100.0]
-)  # on the flange; the measured point
+TOOL = transform(Rotation.from_euler("xyz", [0.2, -0.1, 0.7]), [30.0, -20.0, 100.0])  # ends at the measured point
+WORK = transform(Rotation.from_euler("xyz", [0.05, 0.02, 0.4]), [300.0, -150.0, 40.0])
 Q = np.array(
     [[0.3, -1.2, 1.6, -1.9, -1.4, 0.5], [-0.8, -1.7, 2.0, -1.2, -1.1, 1.8], [1.4, -0.9, 1.2, -1.6, -2.0, -0.7]]
 )
@@ -63,38 +61,12 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
     return Cell(true, calibration.dataset.robot, calibration.fitted_model)
 
 
-def program(language: str, cell: Cell) -> str:
-    """Joint targets Q, then poses of the tool at the same places; the tool is set as on the controller's flange."""
-    tool = listed(language, makers(language, TOOL))
-    poses = [listed(language, makers(language, UR.stands(q) @ TOOL)) for q in Q]
-    degrees = np.degrees(Q)
-    if language == "URScript":
-        lines = [f"set_tcp({tool})"]
-        for q, pose in zip(Q, poses, strict=True):
-            lines += [f"movej([{','.join(f'{v:.9f}' for v in q)}])", f"movel({pose})"]
-        return "\n".join(lines)
-    if language == "KRL":
-        lines = ["DEF prog()", f"$TOOL={{{tool}}}", "$BASE=$NULLFRAME"]
-        for q, pose in zip(degrees, poses, strict=True):
-            lines += [f"PTP {{{','.join(f'A{k + 1} {v:.7f}' for k, v in enumerate(q))}}}", f"LIN {{{pose}}}"]
-        return "\n".join([*lines, "END"])
-    axes = "[9E9,9E9,9E9,9E9,9E9,9E9]"
-    lines = ["MODULE M", f"PERS tooldata grip:=[TRUE,[{tool}],[1,[0,0,1],[1,0,0,0],0,0,0]];", "PROC main()"]
-    for q, pose in zip(degrees, poses, strict=True):
-        quadrants = ",".join(str(int(np.floor(q[axis] / 90.0))) for axis in (0, 3, 5))
-        lines += [f"MoveAbsJ [[{','.join(f'{v:.7f}' for v in q)}],{axes}],v50,fine,grip;"]
-        lines += [f"MoveL [{pose},[{quadrants},0],{axes}],v50,fine,grip;"]
-    return "\n".join([*lines, "ENDPROC", "ENDMODULE"])
-
-
-def sent(language: str, cell: Cell, result: ProgramCorrection) -> np.ndarray:
+def sent(language: str, text: str) -> np.ndarray:
     """Joints (6, 6), rad, to which the controller goes by a corrected program: at its joint targets, then its poses."""
-    lines = [line for line in result.content.decode().splitlines() if re.match(r"PTP|LIN|Move|movej|movel", line)]
-    values = [np.array([float(v) for v in re.findall(rf"(?<![A-Za-z\d]){NUMBER}", line)]) for line in lines]
-    joints = [each[:6] if language == "URScript" else np.radians(each[:6]) for each in values[::2]]
-    poses = [of_maker(language, each[: 7 if language == "RAPID" else 6]) @ np.linalg.inv(TOOL) for each in values[1::2]]
-    told = [inverse(UR.stands, pose, q) for pose, q in zip(poses, Q, strict=True)]
-    return np.array([*joints, *told])
+    joints, poses = read_back(language, text)
+    work = np.eye(4) if language == "URScript" else WORK
+    goals = [work @ of_maker(language, pose) @ np.linalg.inv(TOOL) for pose in poses]
+    return np.array([*joints, *(inverse(UR.stands, goal, q) for goal, q in zip(goals, Q, strict=True))])
 
 
 @pytest.mark.parametrize("kind", ["pose", "position"])
@@ -103,13 +75,13 @@ def test_a_corrected_program_brings_the_tool_where_it_was_to_go(
     language: str, kind: str, cell: Cell, tmp_path: Path
 ) -> None:
     path = tmp_path / f"prog{LANGUAGES[language]}"
-    path.write_text(program(language, cell))
+    path.write_text(program_of(language, UR.stands, Q, TOOL, WORK))
     result = corrected_program(load_program(path), cell.nominal, cell.model, kind=kind)
     assert result.reached, [move.reason for move in result.targets]
     promised = 3.0 * np.sqrt(3.0) * np.max(result.correction.sigma_mm)
     wanted, before, after = (
         np.array([(of.stands(q) @ TOOL)[:3, 3] for q in joints])
-        for of, joints in ((UR, [*Q, *Q]), (cell.true, [*Q, *Q]), (cell.true, sent(language, cell, result)))
+        for of, joints in ((UR, [*Q, *Q]), (cell.true, [*Q, *Q]), (cell.true, sent(language, result.content.decode())))
     )
     (scanner_T_base,) = cell.model.scanner_T_base.values()  # the points' frame is that of the true base
     wanted = apply(scanner_T_base, wanted)
@@ -128,9 +100,9 @@ def test_it_is_the_same_where_the_last_row_of_the_table_leads_to_the_flange(
     table[-2:] = [table[-2] + table[-1], np.zeros(5)]
     in_row = with_own_tool_point(replace(cell.nominal.with_table(table), flange=FixedFrame()), TOOL[:3, 3])
     path = tmp_path / "prog.src"
-    path.write_text(program("KRL", cell))
+    path.write_text(program_of("KRL", UR.stands, Q, TOOL, WORK))
     one, other = (
-        sent("KRL", cell, corrected_program(load_program(path), robot, true, kind=kind))
+        sent("KRL", corrected_program(load_program(path), robot, true, kind=kind).content.decode())
         for robot in (cell.nominal, in_row)
     )
     np.testing.assert_allclose(one, other, atol=2e-8)

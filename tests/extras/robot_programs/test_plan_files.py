@@ -43,12 +43,6 @@ def test_a_ros_trajectory_is_slow_and_stands_at_each_pose(plan: Plan) -> None:
     assert all(point["velocities"] == [0.0] * 6 for point in read["points"])
 
 
-def test_a_urscript_holds_the_planned_joints_in_order(plan: Plan) -> None:
-    rows = re.findall(r"^(p\d+) = \[([^\]]*)\]", planned_file(Path("poses.script"), plan), flags=re.MULTILINE)
-    assert [name for name, _ in rows] == list(plan.poses.ids)
-    np.testing.assert_allclose([[float(v) for v in row.split(",")] for _, row in rows], plan.poses.q, atol=1e-9)
-
-
 def test_a_pose_that_is_approached_from_a_side_is_come_to_from_there(plan: Plan) -> None:
     yaml = pytest.importorskip("yaml")
     side = np.where(np.arange(plan.poses.q.size).reshape(plan.poses.q.shape) % 2, 1.0, -1.0)

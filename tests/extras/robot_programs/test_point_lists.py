@@ -19,8 +19,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.extras.robot_programs.point_lists import LONGEST, identifiers, require_point_list
 from calib.robot_formats.target_form import form_of_targets
-from inspector.cli.parser import main
-from tests.support.hidden_dataset import arm, write_hidden
+from tests.support.hidden_dataset import arm
 
 IDS = ("p01", "p-02", "3", "P01", "über\n; HALT")
 
@@ -88,10 +87,6 @@ def test_names_are_valid_and_distinct_without_regard_to_case(ids: list[str], lon
     assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) and len(name) <= longest for name in names)
 
 
-def test_valid_names_stay() -> None:
-    assert identifiers(["p01", "home_2"], 24) == ["p01", "home_2"]
-
-
 @pytest.mark.parametrize(
     "word",
     ["end", "def", "movej", "p", "True", "sec", "ENDDAT", "E6POS", "Decl", "PTP", "ENDMODULE", "jointtarget", "v100",
@@ -120,19 +115,3 @@ def test_other_arms_are_refused(robot: str, reason: str) -> None:
         arm = replace(arm, joints=(*sliding, *arm.joints[3:]))
     with pytest.raises(CalibError, match=reason):
         require_point_list(Path("targets.mod"), arm)
-
-
-@pytest.mark.thorough
-def test_the_command_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = write_hidden(tmp_path, "cell")
-    tables = []
-    for name in ("out.csv", "out.script"):
-        given = ["--joints", str(folder / "poses.csv"), "--out", str(tmp_path / name)]
-        assert main(["correct", str(folder), *given]) in (0, 1)
-        tables.append((tmp_path / name).read_text())
-    capsys.readouterr()
-    header, first = (line.split(",") for line in tables[0].splitlines()[:2])
-    by_name = dict(zip(header, first, strict=True))
-    line = next(line for line in tables[1].splitlines() if line.startswith(f"{by_name['pose']} ="))
-    values = [float(v) for v in line[line.index("[") + 1 : line.index("]")].split(",")]
-    assert values == pytest.approx([np.radians(float(by_name[f"q{k}_deg"])) for k in range(1, 7)], abs=2e-9)

@@ -15,12 +15,12 @@ from tests.extras.robot_programs.controllers import Arm, inverse, listed, makers
 
 KUKA = Arm.of(  # lies stretched forward at zero, as a KR 10 with an offset of 20 mm behind axis 3
     [[0, 0, 450], [150, 0, 225], [610, 0, 0], [660, 0, 20], [0, 0, 0], [0, 0, 0], [80, 0, 0]],
-    [[0, 0, 0]] * 6 + [[0, np.pi / 2, 0]],
+    [[0, 0, 0]] * 7,
     [[0, 0, -1], [0, 1, 0], [0, 1, 0], [-1, 0, 0], [0, 1, 0], [-1, 0, 0]],
 )
 ABB = Arm.of(  # stands with the lower arm upright and the upper arm forward at zero
     [[0, 0, 445], [150, 0, 0], [0, 0, 700], [795, 0, 115], [0, 0, 0], [0, 0, 0], [85, 0, 0]],
-    [[0, 0, 0]] * 6 + [[0, np.pi / 2, 0]],
+    [[0, 0, 0]] * 7,
     [[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]],
 )
 HEAD = "DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
