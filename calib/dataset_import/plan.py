@@ -26,8 +26,10 @@ from calib.dataset_import.markers import beside_each_other, in_rows, with_target
 from calib.dataset_import.measured import MeasuredPoses
 from calib.dataset_import.reading import (
     ImportReport,
+    LeftOutRow,
     joint_values,
     named_by_cells,
+    named_by_values,
     named_places,
     of_one_place,
     placement_columns,
@@ -39,6 +41,7 @@ from calib.dataset_import.reading import (
     require_near_spread,
     require_poses,
     rows_of_points,
+    without_strangers,
 )
 from calib.dataset_import.sources import ImportSource
 from calib.dataset_import.tool_offset import with_tool_offset
@@ -104,6 +107,7 @@ class ImportPlan:
     bad_rows: tuple[RowFault, ...] = ()  # rows that cannot be read, each with its first fault
     are_left_out: bool = False  # whether the dataset comes out without the bad rows
     has_too_many_bad_rows: bool = False
+    left_out: tuple[LeftOutRow, ...] = ()  # rows of points that belong to no pose
 
     @property
     def can_leave_out(self) -> bool:
@@ -195,11 +199,13 @@ def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
 def _pose_columns(sources: ImportSources, tables: Sequence[UserTable]) -> list[str]:
     """Column of each table that names the pose; "" where there is none."""
     robot = sources.robots[0].robot.robot if sources.robots else None
-    names = []
-    for k, table in enumerate(tables):
-        meant = recognised(ImportReport(robot), table, sources.mapping, positions=k > 0, joints=k == 0)
-        names.append(meant.columns["pose"].name if "pose" in meant.columns else "")
-    return names
+    found = [
+        recognised(ImportReport(robot), table, sources.mapping, positions=k > 0, joints=k == 0)
+        for k, table in enumerate(tables)
+    ]
+    if len(found) == 2:
+        found = list(named_by_values(tables[0], found[0], tables[1], found[1]))
+    return [meant.columns["pose"].name if "pose" in meant.columns else "" for meant in found]
 
 
 def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOutRows) -> ImportPlan:
@@ -229,6 +235,8 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
     of_points = meant
     if other is not None:
         of_points = recognised(report, other, sources.mapping, positions=True, joints=False)
+        meant, of_points = named_by_values(table, meant, other, of_points)
+        columns[table.path] = (table, meant)
         by_name = None if "pose" in of_points.columns else named_places(report, table, meant, other)
         if by_name is not None:
             other = by_name
@@ -237,6 +245,7 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
             of_points = named_by_cells(report, table.text(meant.columns["pose"].name), other, of_points)
         else:
             of_points = named_by_cells(report, [], other, of_points)
+        other = without_strangers(report, table, pose_ids(ImportReport(None), table, meant), other, of_points)
         columns[other.path] = (other, of_points)
     elif not same:
         return _plan(report, sources, columns, None)
@@ -467,7 +476,14 @@ def _plan(
     if robot is None and sources.robots:
         robot = sources.robots[0].robot
     return ImportPlan(
-        robot, tuple(columns), tuple(report.notes), tuple(report.doubts), tuple(map(str, report.faults)), content, poses
+        robot,
+        tuple(columns),
+        tuple(report.notes),
+        tuple(report.doubts),
+        tuple(map(str, report.faults)),
+        content,
+        poses,
+        left_out=tuple(report.left_out),
     )
 
 

@@ -38,14 +38,25 @@ _SMALL_STEP = 0.05  # of the whole motion, between two rows of a recording
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
 
 
+@dataclass(frozen=True)
+class LeftOutRow:
+    """A row of a table of points that belongs to no pose, as of a nest or a drift point."""
+
+    file: str
+    row: int  # the line of the file
+    name: str
+    why: str
+
+
 @dataclass
 class ImportReport:
-    """Notes, doubts and faults that are collected during an import."""
+    """Notes, doubts, faults and rows left out that are collected during an import."""
 
     robot: Robot | None
     faults: list[Fault] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
+    left_out: list[LeftOutRow] = field(default_factory=list)
 
     def fault(self, message: Fault) -> None:
         """Add a fault."""
@@ -230,6 +241,75 @@ def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[
     return ids
 
 
+def named_by_values(
+    table: UserTable, meant: Recognised, other: UserTable, of_points: Recognised
+) -> tuple[Recognised, Recognised]:
+    """Recognised columns of the tables of joints and of points, the poses' names by the values that both have.
+
+    Whatever two columns are called: where at least half of the points have a name that stands once in a column of the
+    joints, that column names the poses. What the user maps stays.
+    """
+    if any(one.columns["pose"].why == AS_MAPPED for one in (meant, of_points) if "pose" in one.columns):
+        return meant, of_points
+    best, pair = 0, None
+    for name in _possible_names(meant):
+        cells = list(map(comparable_id, filter(None, table.text(name))))
+        if len(set(cells)) != len(cells):
+            continue
+        for of_point in _possible_names(of_points):
+            told = [cell for cell in map(comparable_id, other.text(of_point)) if cell in set(cells)]
+            by_header = _is_pose(meant, name) and _is_pose(of_points, of_point)
+            are_words = by_header or not all(cell.startswith("#") for cell in told)
+            if are_words and len(told) > 1 and 2 * len(told) >= len(other) and len(told) + by_header > best:
+                best, pair = len(told) + by_header, (name, of_point)
+    if pair is None:
+        return meant, of_points
+    return _with_pose(meant, pair[0], other), _with_pose(of_points, pair[1], table)
+
+
+def _is_pose(meant: Recognised, name: str) -> bool:
+    return "pose" in meant.columns and meant.columns["pose"].name == name
+
+
+def _possible_names(meant: Recognised) -> list[str]:
+    """Columns that may name poses: the recognised one first, then those of no meaning, and a target's."""
+    known = [meant.columns[key].name for key in ("pose", "target") if key in meant.columns]
+    return [*known, *meant.rest]
+
+
+def _with_pose(meant: Recognised, name: str, other: UserTable) -> Recognised:
+    """The recognised columns with one that names the poses, as its values stand in another table."""
+    before = meant.columns.get("pose")
+    if before is not None and before.name == name:
+        return meant
+    columns = {key: column for key, column in meant.columns.items() if key != "pose" and column.name != name}
+    columns["pose"] = Column(name, "pose", why=f"its values name the rows of {other.path.name}")
+    rest = [one for one in meant.rest if one != name] + ([] if before is None else [before.name])
+    return Recognised(columns, tuple(rest), meant.faults)
+
+
+def without_strangers(
+    report: ImportReport, table: UserTable, ids: Sequence[str], other: UserTable, of_points: Recognised
+) -> UserTable:
+    """Table of points without the rows that belong to no pose, which are told; as it is where most do.
+
+    table: of the joints, whose rows have these ids.
+    """
+    if "pose" not in of_points.columns:
+        return other
+    known, named = set(map(comparable_id, ids)), other.text(of_points.columns["pose"].name)
+    strange = [i for i, name in enumerate(named) if comparable_id(name) not in known]
+    if not strange or 2 * len(strange) > len(other):
+        return other
+    why = f"its name is no pose of {table.path.name}"
+    report.left_out += [LeftOutRow(other.path.name, other.lines[i], named[i], why) for i in strange]
+    many = len(strange) > 1
+    told = numbers.in_short([named[i][:40] or "one without a name" for i in strange], _MOST_PLACES)
+    belong = f"{len(strange)} points belong to no pose and are" if many else "1 point belongs to no pose and is"
+    report.notes.append(f"{other.path}: {belong} left out: {told}")
+    return other.of_rows([i for i in range(len(other)) if i not in set(strange)])
+
+
 def named_places(report: ImportReport, table: UserTable, meant: Recognised, places: UserTable) -> UserTable | None:
     """Table with a point a pose, where the joints' table names in each row which of some known places was visited.
 
@@ -243,7 +323,7 @@ def named_places(report: ImportReport, table: UserTable, meant: Recognised, plac
             continue
         row_of = {place: i for i, place in enumerate(listed)}
         visited = table.text(of_visit)
-        if not set(visited) & set(row_of):
+        if not set(visited) & set(row_of) or len(set(visited)) == len(visited):  # each once: names of poses
             continue
         rows, lines = [], []
         for k, (pose, place) in enumerate(zip(pose_ids(ImportReport(None), table, meant), visited, strict=True)):

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.calibration.result import Calibration
-from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.order_steps import ScannerStep, is_measured_for_training
 
 
@@ -15,29 +15,39 @@ from calib.effects.catalogue.order_steps import ScannerStep, is_measured_for_tra
 class InstrumentMove:
     """A move of the instrument between two poses that were measured one after the other."""
 
-    after: str  # the last fitted pose before it, by its id
-    before: str  # the first fitted pose after it
+    after: str  # the last pose before it, by its id
+    before: str  # the first pose after it
     turn_mrad: tuple[float, float, float]  # of the reported points, about the instrument's axes
-    shift_mm: tuple[float, float, float]  # of the reported points, at the middle of the measured field
+    shift_mm: tuple[float, float, float]  # of the reported points, at the instrument's origin
 
 
 def instrument_moves(calibration: Calibration) -> tuple[InstrumentMove, ...]:
     """Moves of the instrument in the model of a calibration, in the order in which they happened."""
-    model, dataset = calibration.model, calibration.fitted_dataset
+    model = calibration.model
     found = []
     for effect, values in zip(model.effects, model.values_by_effect(calibration.fit.x), strict=True):
-        last = last_before(dataset, effect.start.pose) if isinstance(effect, ScannerStep) else None
-        if last is not None and isinstance(effect, ScannerStep):
-            x, y, z, *turn = values.tolist()
-            a, b, c = (1e3 * angle for angle in turn)
-            found.append((effect.start.first, InstrumentMove(last, effect.start.pose, (a, b, c), (x, y, z))))
+        if isinstance(effect, ScannerStep) and effect.start.pose in calibration.dataset.poses.ids:
+            shift_mm = values[:3] - np.cross(values[3:], effect.centre_mm)
+            (a, b, c), (x, y, z) = (1e3 * values[3:]).tolist(), shift_mm.tolist()
+            move = InstrumentMove(*_beside(calibration, effect, values), (a, b, c), (x, y, z))
+            found.append((effect.start.first, move))
     return tuple(move for _, move in sorted(found, key=lambda one: one[0]))
 
 
-def last_before(dataset: Dataset, pose_id: str) -> str | None:
-    """Id of the last fitted pose that was measured before a pose; None where it was the first, or is not known."""
-    poses = dataset.poses
-    if pose_id not in poses.ids:
-        return None
-    earlier = np.flatnonzero(is_measured_for_training(dataset) & (poses.order < poses.order[poses.index(pose_id)]))
-    return poses.ids[earlier[np.argmax(poses.order[earlier])]] if len(earlier) else None
+def _beside(calibration: Calibration, step: ScannerStep, values: Array) -> tuple[str, str]:
+    """Ids of the poses before and after a step: a test pose between is on the side where it is less off."""
+    dataset, errors = calibration.dataset, calibration.after
+    assert dataset.points is not None
+    poses, first = dataset.poses, int(np.flatnonzero([name == step.start.pose for name in dataset.poses.ids])[0])
+    trained = np.flatnonzero(is_measured_for_training(dataset) & (poses.order < poses.order[first]))
+    last = int(trained[np.argmax(poses.order[trained])]) if len(trained) else first
+    between = (poses.order > poses.order[last]) & (poses.order < poses.order[first])
+    for pose in sorted(np.flatnonzero(between).tolist(), key=lambda k: poses.order[k]):
+        rows = errors.pose == pose
+        moved_mm = values[:3] + np.cross(values[3:], dataset.points.xyz_mm[rows] - step.centre_mm)
+        if not rows.any():
+            continue
+        if np.linalg.norm(errors.error_mm[rows]) < np.linalg.norm(errors.error_mm[rows] - moved_mm):
+            return poses.ids[last], poses.ids[pose]
+        last = pose
+    return poses.ids[last], poses.ids[first]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
@@ -26,6 +27,7 @@ def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str,
             for row in plan.bad_rows
         ],
         "bad_rows_left_out": plan.are_left_out,
+        "left_out": [asdict(row) for row in plan.left_out],
         "preview": None if plan.preview is None else preview(plan.preview),
     }
 

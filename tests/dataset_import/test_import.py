@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -202,10 +203,34 @@ def test_all_faults_are_told_at_once_and_nothing_is_written(truth: Dataset, tmp_
         first=[*ids[:20], "p99", *ids[21:]],
     )
     said = refusal(tmp_path, lambda: import_dataset(tmp_path / "cell", ROBOT, joints, points))
-    assert said.startswith("nothing was written, 3 faults:")
+    assert said.startswith("nothing was written, 2 faults:")
     assert "joints.csv: line 11, column q3: found 'n/a'; a number is needed" in said
     assert "joints.csv: line 6: pose 'p3' stands in line 5 too" in said
-    assert "points.csv: line 22, column pose: pose 'p99' is not in" in said
+
+
+def test_names_are_found_by_their_values_and_nests_belong_to_no_pose(
+    truth: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ids, number = [f"PT{i:03d}" for i in range(32)], np.arange(32.0)[:, None]
+    joints = write(tmp_path / "joints.csv", ["Waypoint", *Q], truth.poses.q, first=ids)
+    xyz = np.vstack([truth.points.xyz_mm[:20], [[3889.9, -160.1, 74.6]], truth.points.xyz_mm[20:]])
+    named = [*ids[:20], "NEST1", *ids[20:]]
+    points = write(tmp_path / "points.csv", ["Point Name", "X (mm)", "Y (mm)", "Z (mm)"], xyz, first=named)
+    asked = ["--joints", str(joints), "--points", str(points), "--robot", "rb5", "--json"]
+    assert main(["import", str(tmp_path / "cell"), *asked]) == 0
+    document = json.loads(capsys.readouterr().out)
+    why = "its name is no pose of joints.csv"
+    assert document["left_out"] == [{"file": "points.csv", "row": 22, "name": "NEST1", "why": why}]
+    assert any(note.endswith("1 point belongs to no pose and is left out: NEST1") for note in document["recognised"])
+    dataset = load_dataset(tmp_path / "cell")
+    assert dataset.poses.ids == tuple(ids)
+    assert np.allclose(dataset.points.xyz_mm, truth.points.xyz_mm, atol=1e-6)
+    strange = write(tmp_path / "strange.csv", ["Point Name", "x", "y", "z"], xyz, first=[f"N{i}" for i in range(33)])
+    said = refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, joints, strange))
+    assert "column Point Name: none of its names ('N0' ...) is a pose of" in said
+    rows = write(tmp_path / "rows.csv", ["Row", *Q], np.hstack([number, truth.poses.q]))
+    places = write(tmp_path / "places.csv", ["Row", "x", "y", "z"], np.hstack([number, truth.points.xyz_mm]))
+    assert not any("visits" in note for note in import_dataset(tmp_path / "c", ROBOT, rows, places).notes)
 
 
 @pytest.mark.slow
