@@ -79,10 +79,9 @@ def test_any_vertex_layout_behind_any_other_element(tmp_path: Path, line_end: st
     table = np.zeros(500, row)
     for name, column in zip("xyz", np.round(POINTS).T, strict=True):
         table[name] = column
-    before = "element camera 2\nproperty float focal\nelement face 3\nproperty uchar a\nproperty list uchar int ids\n"
-    lists = b"".join(b"\x07" + bytes([n]) + bytes(4 * n) for n in (3, 0, 5))
+    before = "element camera 2\nproperty float focal\nelement view 3\nproperty uchar a\nproperty int b\n"
     kind = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
-    content = ply(line_end, kind, before + VERTEX, bytes(8) + lists + table.tobytes())
+    content = ply(line_end, kind, before + VERTEX, bytes(8 + 15) + table.tobytes())
     np.testing.assert_array_equal(load(tmp_path, "a.ply", content).points_mm, np.round(POINTS))
     with pytest.raises(ScanError, match="promises 500 points, it holds 499"):
         load(tmp_path, "a.ply", content[:-1])
@@ -98,11 +97,10 @@ def test_plyfile_writes_it_and_it_reads_the_same(tmp_path: Path, how: dict[str, 
     faces = np.empty(3, [("vertex_indices", "O")])
     faces["vertex_indices"] = [np.arange(n) for n in (3, 4, 5)]
     elements = [plyfile().PlyElement.describe(faces, "face"), plyfile().PlyElement.describe(vertices, "vertex")]
-    for name, order in {"faces_first": elements, "vertices_first": elements[::-1]}.items():
-        plyfile().PlyData(order, comments=["any"], **how).write(tmp_path / f"{name}.ply")
-        scan = load_scan(tmp_path / f"{name}.ply")
-        np.testing.assert_array_equal(scan.points_mm, POINTS)
-        np.testing.assert_array_equal(scan.normals, NORMALS.astype(np.float32))
+    plyfile().PlyData(elements[::-1], comments=["any"], **how).write(tmp_path / "a.ply")
+    scan = load_scan(tmp_path / "a.ply")
+    np.testing.assert_array_equal(scan.points_mm, POINTS)
+    np.testing.assert_array_equal(scan.normals, NORMALS.astype(np.float32))
 
 
 @pytest.mark.parametrize("normals", [None, NORMALS])
@@ -122,8 +120,7 @@ def test_it_writes_the_bytes_that_plyfile_writes(tmp_path: Path, normals: NDArra
     ("head", "said"),
     [
         ("element face 99999999999999999\n" + VERTEX, "promises 500 points, it holds 0"),
-        ("element face 99999999999999999\nproperty list uchar int ids\n" + VERTEX, "it holds 0"),
-        ("element face 9\nproperty list int double ids\n" + VERTEX, "it holds 0"),
+        ("element face 99999999999999999\nproperty list uchar int ids\n" + VERTEX, "lists stand before"),
         (VERTEX.replace("500", "9" * 18), "promises 999999999999999999 points"),
         (VERTEX.replace("500", "-5"), "number of points"),
         (VERTEX.replace("500", "9" * 19), "number of points"),
@@ -297,7 +294,7 @@ def test_las_files(tmp_path: Path, version: int, point_format: int, more: int) -
     np.testing.assert_allclose(load(tmp_path, "a.las", whole).points_mm, POINTS, atol=6e-6)
     with pytest.raises(ScanError, match=f"promises {len(POINTS)} points, it holds {len(POINTS) - 1}"):
         load(tmp_path, "b.las", whole[:-1])
-    with pytest.raises(ScanError, match=r"not a \.las file"):
+    with pytest.raises(ScanError, match=r"not a readable \.las"):
         load(tmp_path, "d.las", b"LASF")
 
 
@@ -318,14 +315,14 @@ def test_compressed_las_files(tmp_path: Path, version: int, point_format: int, s
     whole = bytes(header) + described + bytes(packed)
     np.testing.assert_allclose(load(tmp_path, "a.laz", whole).points_mm, POINTS, atol=6e-6)
     for damaged in (whole[: len(whole) // 2], bytes(header) + described[:30], whole[:begin] + bytes(200)):
-        with pytest.raises(ScanError, match="compressed points cannot be unpacked"):
+        with pytest.raises(ScanError, match=r"not a readable \.las"):
             load(tmp_path, "b.laz", damaged)
 
 
-def test_compressed_las_files_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "lazrs", None)
+def test_las_files_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "laspy", None)
     with pytest.raises(ScanError, match=r"robot-calibration-inspector\[laz\]"):
-        load(tmp_path, "c.laz", las(POINTS, point_format=0x80 | 3))
+        load(tmp_path, "c.laz", las(POINTS))
 
 
 def npy_claiming(shape: str, kind: str = "<f8") -> bytes:

@@ -58,7 +58,7 @@ def test_written_scan_is_read_back_exactly_with_its_normals(tmp_path: Path) -> N
         ("a.ply", ply("ascii", POINTS).replace(b"\n1", b"\nx"), "not three numbers"),
         ("a.ply", ply("ascii", POINTS, promised=10**12), "promises 1000000000000 points, it holds 1000"),
         ("a.ply", ply("ascii", POINTS).replace(b"1000\n", b"9" * 5000 + b"\n"), "number of points"),
-        ("a.ply", ply("ascii", POINTS).replace(b"float y", b"list uchar float y"), "coordinates are lists"),
+        ("a.ply", ply("ascii", POINTS).replace(b"float y", b"list uchar float y"), "lists stand before or among"),
         ("a.ply", ply("ascii", POINTS).replace(b"ascii", b"binary"), "format 'binary'"),
         ("a.ply", b"\x00\x01\x02 not a scan", "not a .ply"),
         ("a.pcd", b"not a cloud\n" * 9, "not a .pcd"),

@@ -9,7 +9,6 @@ face of a mesh in Python; the tests compare whole files with it.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -49,15 +48,11 @@ class _Element:
     name: str
     rows: int
     names: list[str] = field(default_factory=list)
-    types: list[tuple[str, ...]] = field(default_factory=list)  # (type,), or of a list (its count's, its values')
-
-    def has_lists(self) -> bool:
-        """Whether a property is a list, so that rows differ in length."""
-        return any(len(types) > 1 for types in self.types)
+    types: list[str] = field(default_factory=list)  # numpy's, or "list", whose rows differ in length
 
     def row_type(self, order: str) -> np.dtype:
         """numpy type of a row without lists; its fields are numbered, since names may occur twice."""
-        return np.dtype([(f"f{i}", order + types[0]) for i, types in enumerate(self.types)])
+        return np.dtype([(f"f{i}", order + kind) for i, kind in enumerate(self.types)])
 
 
 def read_ply(path: Path, content: bytes) -> PointsAndNormals:
@@ -70,28 +65,22 @@ def read_ply(path: Path, content: bytes) -> PointsAndNormals:
     if vertex.rows == 0:
         raise ScanError(f"{path}: the scan holds no points (element vertex 0); scan the pose again")
     columns, has_normals = columns_of(path, vertex.names)
-    if any(len(vertex.types[i]) > 1 for i in columns):
-        raise ScanError(f"{path}: its coordinates are lists; export the scan as a plain point cloud")
+    if any("list" in element.types for element in (vertex, *elements[: at if kind != "ascii" else 0])):
+        raise ScanError(f"{path}: lists stand before or among its vertices; export the scan as a plain point cloud")
     if kind == "ascii":
         lines = text_lines(path, content[body:])
         lines = lines[sum(element.rows for element in elements[:at]) :][: vertex.rows]
         if len(lines) < vertex.rows:
             raise truncated(path, vertex.rows, len(lines))
-        if vertex.has_lists():
-            lines = [_without_lists(line.split(), vertex) for line in lines]
         return split(numbers(path, lines, columns), has_normals)
-    order = _BYTE_ORDER[kind]
-    for element in elements[:at]:
-        body = _row_starts(element, content, body, order)[-1]
-    if vertex.has_lists():
-        return split(_stack_by_rows(path, vertex, content, body, order, columns), has_normals)
-    row = vertex.row_type(order)
+    row = vertex.row_type(_BYTE_ORDER[kind])
+    body += sum(element.rows * element.row_type("<").itemsize for element in elements[:at])
     held = max(0, len(content) - body) // row.itemsize
     if held < vertex.rows:
         raise truncated(path, vertex.rows, held)
     require_bounded(path, vertex.rows)
     table = np.frombuffer(content, row, vertex.rows, body)
-    return split(_stack(table, columns), has_normals)
+    return split(np.stack([doubles(table[f"f{i}"]) for i in columns], axis=1), has_normals)
 
 
 def write_ply(file: IO[bytes], points_mm: Array, normals: Array | None) -> None:
@@ -102,11 +91,6 @@ def write_ply(file: IO[bytes], points_mm: Array, normals: Array | None) -> None:
     header += [f"property float {name}" for name in columns] + ["end_header", ""]
     file.write("\n".join(header).encode("ascii"))
     file.write(np.ascontiguousarray(rows, dtype="<f4").tobytes())
-
-
-def _stack(table: np.ndarray, columns: list[int]) -> Array:
-    """Columns of a table of rows as (N, len(columns)) float64."""
-    return np.stack([doubles(table[f"f{i}"]) for i in columns], axis=1)
 
 
 def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:
@@ -129,12 +113,12 @@ def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:
                 kind = word
             case ["element", name, rows]:
                 elements.append(_Element(name, count(path, rows)))
-            case ["property", "list", counts, values, name] if elements:
+            case ["property", "list", _, _, name] if elements:
                 elements[-1].names.append(name)
-                elements[-1].types.append((_type(path, counts), _type(path, values)))
+                elements[-1].types.append("list")
             case ["property", word, name] if elements:
                 elements[-1].names.append(name)
-                elements[-1].types.append((_type(path, word),))
+                elements[-1].types.append(_type(path, word))
             case ["ply" | ""] | ["comment" | "obj_info", *_]:
                 pass
             case _:
@@ -151,50 +135,3 @@ def _type(path: Path, word: str) -> str:
     if word not in _TYPES:
         raise ScanError(f"{path}: the .ply header has a property of type {word[:20]!r}; export it as float")
     return _TYPES[word]
-
-
-def _row_starts(element: _Element, content: bytes, start: int, order: str) -> Sequence[int]:
-    """Byte offsets of an element's rows and of the end behind the last; fewer where the content is cut off before."""
-    if not element.has_lists():
-        size = sum(int(types[0][1:]) for types in element.types)
-        return range(start, start + (element.rows + 1) * size, size) if size else [start]
-    starts = [start]
-    for _ in range(element.rows):
-        for types in element.types:
-            size = int(types[0][1:])
-            if len(types) > 1:
-                counted = np.frombuffer(content[start : start + size].ljust(size, b"\0"), order + types[0])[0]
-                start += max(0, int(counted)) * int(types[1][1:])
-            start += size
-        starts.append(start)
-        if start > len(content):
-            break
-    return starts
-
-
-def _stack_by_rows(path: Path, vertex: _Element, content: bytes, start: int, order: str, columns: list[int]) -> Array:
-    """Columns (N, len(columns)) of vertices that hold lists too, such as the views of each point in photogrammetry."""
-    first_list = next(i for i, types in enumerate(vertex.types) if len(types) > 1)
-    if max(columns) > first_list:
-        raise ScanError(f"{path}: its vertices hold lists before x, y, z; export the scan as a plain point cloud")
-    if vertex.rows <= len(content):  # else it is reported as truncated
-        require_bounded(path, vertex.rows)
-    starts = np.array(_row_starts(vertex, content, start, order))
-    held = int(np.count_nonzero(starts[1:] <= len(content)))
-    if held < vertex.rows:
-        raise truncated(path, vertex.rows, held)
-    before = _Element("", 0, vertex.names[:first_list], vertex.types[:first_list]).row_type(order)
-    content_bytes = np.frombuffer(content, np.uint8)
-    rows = content_bytes[starts[:-1, None] + np.arange(before.itemsize)]
-    return _stack(rows.view(before)[:, 0], columns)
-
-
-def _without_lists(words: list[str], vertex: _Element) -> str:
-    """A vertex's line of text with one word for each property; a list is replaced by its count."""
-    out: list[str] = []
-    at = 0
-    for types in vertex.types:
-        out += words[at : at + 1]
-        counted = words[at] if at < len(words) and len(types) > 1 else "0"
-        at += 1 + (int(counted) if counted.isascii() and counted.isdigit() and len(counted) < 9 else 0)
-    return " ".join(out)
