@@ -165,9 +165,10 @@ def best_fit_rotation(source: ArrayLike, target: ArrayLike) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """Rotation (3, 3) nearest to a matrix in the Frobenius norm, by SVD."""
+    """Rotations (..., 3, 3) nearest to matrices in the Frobenius norm, by SVD."""
     u, _, vt = np.linalg.svd(matrix)
-    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    return np.asarray(u @ vt)
 
 
 def mean_rotation(rotations: ArrayLike) -> Array:

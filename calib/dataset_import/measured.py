@@ -21,8 +21,10 @@ class MeasuredPoses(Protocol):
     def notes(self) -> tuple[str, ...]:
         """What was found and left out."""
 
-    def settled(self, robot: Robot, ids: Sequence[str], q: Array) -> Self:
+    def settled(self, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]) -> Self:
         """The same with what the arm tells of it, by its N poses' ids and joints q (N, n), rad and mm, and more notes.
+
+        setups: the instrument's placement at each pose, [] for one.
 
         Raises CalibError where the arm contradicts it.
         """

@@ -395,7 +395,7 @@ def _with_numbers(
     _compare_with_controller(report, table, q)
     if by_plugin is not None and not report.faults:
         try:
-            by_plugin = by_plugin.settled(report.robot, ids, q)
+            by_plugin = by_plugin.settled(report.robot, ids, q, setups)
             report.notes += by_plugin.notes[len(_measured_notes(sources)) :]
         except CalibError as error:
             report.fault(str(error))

@@ -45,6 +45,7 @@ _NOISE = (1.0, 1.4, 2.0)  # over the pixels' own, as corners of one image may be
 _SURELY = 0.9  # probability beyond doubt
 _LIKELY, _SIGMAS = 0.75, 4.0  # probability of the camera's side, and sigmas of the board's size, that are so together
 _BOARD_SHARE = 0.01  # of the board's size
+_FEWEST, _MOVES = 5, 9  # poses before and after a move; of such moves that are tried
 _FOCAL_SHARE, _CENTRE_SHARE = 0.01, 0.01  # of the focal length; of the image's width
 _RADIAL, _TANGENTIAL = 0.05, 0.005
 
@@ -88,7 +89,8 @@ def arm_or_camera(calibration: Calibration) -> ArmOrCamera | None:
         return None
     if set(calibration.options.fixed) & set(calibration.model.robot.parameter_names[:-_OF_TOOL]):  # held by the user
         return None
-    kept = ~calibration.fitted_dataset.poses.is_test
+    poses = calibration.fitted_dataset.poses
+    kept = ~poses.is_test & ~np.isin(poses.ids, calibration.outliers)
     observed = Observations.of(calibration.fitted_dataset, kept)
     observed = replace(observed, points=replace(observed.points.free_of(None), shared=None))
     seen = observed.points
@@ -158,7 +160,8 @@ def _seen(views: CameraViews, calibration: Calibration, points: Points) -> list[
     return found
 
 
-def _compared(calibration: Calibration, observed: Observations, side: _CameraSide) -> ArmOrCamera:
+def _compared(calibration: Calibration, observed: Observations, side: _CameraSide) -> ArmOrCamera | None:
+    """Probabilities of the hypotheses; None where that board or camera was moved on the way is likelier than all."""
     model, x = calibration.model, calibration.fit.x
     residuals = PoseResiduals(model, with_nominal_scanner_frames(observed, model.placed_robot))
     nuisance = residuals.nuisance(x)
@@ -194,10 +197,26 @@ def _compared(calibration: Calibration, observed: Observations, side: _CameraSid
             for one in _log_evidences(data, _columns(padded, a, c, side.lens_is_unknown), dof)
         ]
         logs[name] = float(np.logaddexp.reduce(each) - np.log(len(each)))
+    moved = [np.concatenate([apart(part), np.zeros((count, part.shape[1]))]) for part in _moves(always, observed)]
+    each = [
+        one
+        for a in _ARM_SHARES
+        for part in moved
+        for one in _log_evidences(data, np.concatenate([a * padded["arm"], part], axis=1), dof)
+    ]
+    if each and float(np.logaddexp.reduce(each) - np.log(len(each))) > max(logs.values()):
+        return None
     whole = np.logaddexp.reduce(list(logs.values()))
     probabilities = {name: float(np.exp(value - whole)) for name, value in logs.items()}
     size_value, size_sigma = _board_size(data, _columns(padded, 1.0, 1.0, side.lens_is_unknown), dof)
     return ArmOrCamera(probabilities, 1.0 + _BOARD_SHARE * size_value, _BOARD_SHARE * size_sigma, side.of_marker)
+
+
+def _moves(always: Array, observed: Observations) -> list[Array]:
+    """Columns of a second place of board and camera from some pose on, for several such poses."""
+    rows = np.arange(len(always)) // (len(always) // len(observed.points))
+    steps = np.unique(np.linspace(_FEWEST, len(observed.points) - _FEWEST, _MOVES).astype(int))
+    return [always * (rows >= step)[:, None] for step in steps if _FEWEST <= step <= len(observed.points) - _FEWEST]
 
 
 def _columns(padded: Mapping[str, Array], arm: float, camera: float, lens_is_unknown: bool) -> Array:

@@ -1,7 +1,10 @@
-"""Hand-eye calibration of an arm as its table has it, from poses of a board that a camera sees.
+"""Hand-eye calibration of an arm as its table has it, from poses of a board of which a third may err.
 
-The camera is on the flange and the board in the room, or the other way round: then the camera's poses in the board's
-frame are those of a camera in the room seen from a board on the flange, and the same equations hold.
+With poses A of the flange, X and Y the places of what is on the flange and of what is in the room, and S the board's
+pose in the camera's frame, or the camera's in the board's where the camera stands in the room, A X S = Y. Fits to four
+poses each, in closed form (Shah 2013), are compared by the errors within which three fifths of all poses lie (least
+quantile of squares, Rousseeuw 1984). From the best, X and Y follow by least squares of the poses that are no farther
+off than the noise of most, in place and in attitude.
 """
 
 from __future__ import annotations
@@ -11,9 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array
-from calib.kinematics.hand_eye import solve_hand_eye
+from calib.array_types import Array, BoolArray
 from calib.statistics import rms_length
+
+_OF, _TRIES = 4, 150  # poses of a first fit; fits
+MOST = 0.6  # of the poses, whose errors decide
+_QUANTILE = 1.716  # sigmas of an axis, within which that share of the lengths of three normal numbers lies
+_ROUNDS = 6
+_LEAST_MM, _LEAST_RAD = 1e-3, 1e-5
+_OPEN = 1e-6  # share of the largest singular value, below which the poses do not determine a motion
+_MM_PER_RADIAN = 500.0
+FAR = 8.0  # sigmas of an axis, from which an error is none of noise
 
 
 @dataclass(frozen=True)
@@ -25,50 +36,143 @@ class BoardHandEye:
     parent_T_board: Array  # (4, 4) parent: the base where the camera is on the flange, else the flange
     error_mm: Array  # (M, 3) of the board's middle, predicted minus measured, camera frame
     error_rad: Array  # (M, 3) of its attitude, rotation vectors
+    good: BoolArray  # (M,) poses that agree with most
     scale: float  # of the measured lengths at which they agree best with the arm's; 1 where they agree
     scale_sigma: float
+    scaled_mm: float  # root mean square of the good poses' errors with that scale, 3D
     is_determined: bool
 
     @property
     def rms_mm(self) -> float:
-        """Root mean square of the errors of the board's middle, 3D, mm."""
-        return rms_length(self.error_mm)
+        """Root mean square of the errors of the board's middle at the good poses, 3D, mm."""
+        return rms_length(self.error_mm[self.good])
+
+    @property
+    def rms_rad(self) -> float:
+        """Root mean square of the errors of the board's attitude at the good poses, rad."""
+        return rms_length(self.error_rad[self.good])
+
+    @property
+    def misfit_mm(self) -> float:
+        """Errors of place, with the best scale, and of attitude as one number, by which mounts compare."""
+        return float(np.sqrt(self.scaled_mm * self.rms_rad * _MM_PER_RADIAN))
+
+    def predicted(self, base_T_flange: Array) -> Array:
+        """Poses (N, 4, 4) of the board in the camera's frame, by poses of the flange."""
+        return _predicted(base_T_flange, self.parent_T_camera, self.parent_T_board, self.on_flange)
+
+    def distances_mm(self, base_T_flange: Array, camera_T_board: Array) -> Array:
+        """How far each of M poses of the board (M, N) is from where each of N poses of the flange puts it."""
+        off = _errors(self.predicted(base_T_flange)[None], camera_T_board[:, None])
+        return np.asarray(np.linalg.norm(off[0], axis=-1) + _MM_PER_RADIAN * np.linalg.norm(off[1], axis=-1))
+
+    def agrees(self, base_T_flange: Array, camera_T_board: Array) -> BoolArray:
+        """(N,) whether poses of the board agree with poses of the flange as the good ones do."""
+        off = _errors(self.predicted(base_T_flange), camera_T_board)
+        return _near(off, _sigmas(self.error_mm[self.good], self.error_rad[self.good]))
 
 
 def board_hand_eye(base_T_flange: Array, camera_T_board: Array, *, on_flange: bool) -> BoardHandEye:
     """Hand-eye calibration from M poses of the flange and of the board in the camera's frame, (M, 4, 4) mm each."""
-    seen = camera_T_board if on_flange else frames.invert(camera_T_board)
-    names = np.full(len(seen), "")
-    found = solve_hand_eye(base_T_flange, seen[:, :3, 3], names, np.full(len(seen), "jig"), seen[:, :3, :3])
-    flange_T_one = found.flange_T_scanner[""]
-    turns = base_T_flange[:, :3, :3] @ flange_T_one[:3, :3] @ seen[:, :3, :3]
-    base_T_other = frames.make_transform(frames.mean_rotation(turns), found.position_mm["jig"])
+    from scipy.optimize import least_squares  # slow to load
+
+    def predicted(unknown: Array) -> Array:
+        return _predicted(base_T_flange, _transform(unknown[:6]), _transform(unknown[6:12]), on_flange)
+
+    def weighed(unknown: Array, good: BoolArray, sigmas: Array) -> Array:
+        error_mm, error_rad = _errors(predicted(unknown), camera_T_board)
+        if len(unknown) > 12:
+            error_mm = error_mm + (1.0 - unknown[12]) * camera_T_board[:, :3, 3]
+        return np.concatenate([error_mm[good] / sigmas[0], error_rad[good] / sigmas[1]]).ravel()
+
+    unknown, _ = _start(base_T_flange, camera_T_board, on_flange)
+    good = np.zeros(len(base_T_flange), dtype=bool)
+    for _ in range(_ROUNDS):
+        off = _errors(predicted(unknown), camera_T_board)
+        sigmas, before = _sigmas(*off), good
+        good = _near(off, sigmas)
+        if np.array_equal(before, good):
+            break
+        unknown = least_squares(weighed, unknown, x_scale="jac", args=(good, sigmas)).x
+    error_mm, error_rad = _errors(predicted(unknown), camera_T_board)
+    with_scale = least_squares(weighed, np.append(unknown, 1.0), x_scale="jac", args=(good, sigmas))
+    jacobian = np.asarray(with_scale.jac)
+    columns = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    size = np.linalg.svd(columns[:, :12], compute_uv=False)
+    determined = len(columns) > 12 and size[-1] > _OPEN * size[0]
+    scale, scale_sigma = float(with_scale.x[12]), float("inf")
+    if determined:
+        noise = 2.0 * with_scale.cost / max(len(columns) - 13, 1)
+        apart = jacobian[:, 12] - columns[:, :12] @ np.linalg.lstsq(columns[:, :12], jacobian[:, 12])[0]
+        scale_sigma = float(np.sqrt(noise) / max(np.linalg.norm(apart), 1e-300))
+    scaled_mm = rms_length(with_scale.fun[: 3 * good.sum()].reshape(-1, 3)) * sigmas[0]
+    return BoardHandEye(
+        on_flange, _transform(unknown[:6]), _transform(unknown[6:12]), error_mm, error_rad, good,
+        scale, scale_sigma, scaled_mm, bool(determined),
+    )  # fmt: skip
+
+
+def misfit_mm(base_T_flange: Array, camera_T_board: Array, *, on_flange: bool, most: float = MOST) -> float:
+    """Errors of place and attitude of most of M poses as one number, by which ways of reading the data compare."""
+    sigma_mm, sigma_rad = _start(base_T_flange, camera_T_board, on_flange, most)[1]
+    return float(np.sqrt(sigma_mm * sigma_rad * _MM_PER_RADIAN))
+
+
+def _transform(motion: Array) -> Array:
+    return frames.make_transform(frames.rotation_from_rotvec(motion[:3]), motion[3:])
+
+
+def _predicted(base_T_flange: Array, parent_T_camera: Array, parent_T_board: Array, on_flange: bool) -> Array:
     if on_flange:
-        predicted = frames.invert(base_T_flange @ flange_T_one) @ base_T_other
-        camera, board = flange_T_one, base_T_other
-    else:
-        predicted = frames.invert(base_T_other) @ base_T_flange @ flange_T_one
-        camera, board = base_T_other, flange_T_one
-    error_rad = frames.rotvec_from_rotation(predicted[:, :3, :3] @ np.swapaxes(camera_T_board[:, :3, :3], 1, 2))
-    error_mm = predicted[:, :3, 3] - camera_T_board[:, :3, 3]
-    scale, sigma = _scale(base_T_flange, flange_T_one[:3, :3], seen[:, :3, 3])
-    determined = not found.undetermined_rotation and not len(found.undetermined_shifts)
-    return BoardHandEye(on_flange, camera, board, error_mm, error_rad, scale, sigma, determined)
+        return frames.invert(base_T_flange @ parent_T_camera) @ parent_T_board
+    return frames.invert(parent_T_camera) @ base_T_flange @ parent_T_board
 
 
-def _scale(base_T_flange: Array, turn: Array, seen_mm: Array) -> tuple[float, float]:
-    """Factor of the measured lengths that fits R (X s m + t) + b = p best, with its sigma, the rotation X known."""
-    count = len(seen_mm)
-    rotation = base_T_flange[:, :3, :3]
-    columns = np.zeros((count, 3, 7))
-    columns[:, :, 0] = np.einsum("mij,jk,mk->mi", rotation, turn, seen_mm)
-    columns[:, :, 1:4] = rotation
-    columns[:, :, 4:] = -np.eye(3)
-    flat, right = columns.reshape(-1, 7), -base_T_flange[:, :3, 3].ravel()
-    size = np.linalg.norm(flat, axis=0)
-    solution, _, rank, _ = np.linalg.lstsq(flat / size, right, rcond=1e-9)
-    if rank < 7 or len(right) <= 7:
-        return 1.0, float("inf")
-    left = right - flat / size @ solution
-    covariance = np.linalg.inv((flat / size).T @ (flat / size)) * float(left @ left) / (len(right) - 7)
-    return float(solution[0] / size[0]), float(np.sqrt(covariance[0, 0]) / size[0])
+def _errors(predicted: Array, measured: Array) -> tuple[Array, Array]:
+    """Errors of places and attitudes (..., 3), mm and rad, predicted minus measured."""
+    turns = predicted[..., :3, :3] @ np.swapaxes(measured[..., :3, :3], -1, -2)
+    return predicted[..., :3, 3] - measured[..., :3, 3], frames.rotvec_from_rotation(turns)
+
+
+def _sigmas(*errors: Array, most: float = MOST) -> Array:
+    """Sigmas (2, ...) of an axis of errors (..., M, 3), mm and rad, by the share that most of them are."""
+    middle = [np.quantile(np.linalg.norm(error, axis=-1), most, axis=-1) / _QUANTILE for error in errors]
+    return np.stack([np.maximum(middle[0], _LEAST_MM), np.maximum(middle[1], _LEAST_RAD)])
+
+
+def _near(off: tuple[Array, Array], sigmas: Array) -> BoolArray:
+    """(M,) whether errors of place and attitude are no farther off than noise of given sigmas."""
+    far = [np.linalg.norm(error, axis=1) > FAR * sigma for error, sigma in zip(off, sigmas, strict=True)]
+    return ~(far[0] | far[1])
+
+
+def _start(base_T_flange: Array, camera_T_board: Array, on_flange: bool, most: float = MOST) -> tuple[Array, Array]:
+    """Camera's and board's place (12,), rotation vectors and mm, that fit most poses, with these poses' sigmas."""
+    seen = camera_T_board if on_flange else frames.invert(camera_T_board)
+    rng = np.random.default_rng(0)
+    count = len(seen)
+    some = np.array([rng.choice(count, min(_OF, count), replace=False) for _ in range(_TRIES)])
+    rows = [some, np.arange(count)[None]]
+    found = [_closed_form(base_T_flange[part], seen[part]) for part in rows]
+    there, here = (np.concatenate(each) for each in zip(*found, strict=True))
+    camera, board = (there, here) if on_flange else (here, there)
+    predicted = _predicted(base_T_flange, camera[:, None], board[:, None], on_flange)
+    sigmas = _sigmas(*_errors(predicted, camera_T_board), most=most)
+    best = int(np.argmin(sigmas[0] * sigmas[1]))
+    each = (camera[best], board[best])
+    unknown = [part for at in each for part in (frames.rotvec_from_rotation(at[:3, :3]), at[:3, 3])]
+    return np.concatenate(unknown), sigmas[:, best]
+
+
+def _closed_form(flange: Array, seen: Array) -> tuple[Array, Array]:
+    """X and Y (K, 4, 4) of K sets of n poses (K, n, 4, 4) with A X S = Y: rotations first, then places."""
+    sets = len(flange)
+    turns, seen_turns = flange[..., :3, :3], seen[..., :3, :3]
+    matrix = np.einsum("knij,knba->kiajb", turns, seen_turns).reshape(sets, 9, 9)
+    either = np.linalg.svd(matrix)[2][:, 0].reshape(-1, 3, 3)  # X or its negative
+    there = frames.nearest_rotation(either * np.sign(np.linalg.det(either))[:, None, None])
+    here = frames.nearest_rotation(np.sum(turns @ there[:, None] @ seen_turns, axis=1))
+    shifted = np.einsum("knij,kjl,knl->kni", turns, there, seen[..., :3, 3]) + flange[..., :3, 3]
+    columns = np.concatenate([turns, np.broadcast_to(-np.eye(3), turns.shape)], axis=-1).reshape(sets, -1, 6)
+    places = -np.linalg.pinv(columns, rcond=_OPEN) @ shifted.reshape(sets, -1, 1)
+    return frames.make_transform(there, places[:, :3, 0]), frames.make_transform(here, places[:, 3:, 0])

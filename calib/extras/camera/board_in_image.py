@@ -33,10 +33,7 @@ class BoardInImage:
 
     def camera_T_board(self, base_T_flange: Array) -> Array:
         """Poses (N, 4, 4) of the board in the camera's frame, by poses of the flange."""
-        camera, board = self.placed.parent_T_camera, self.placed.parent_T_board
-        if self.placed.on_flange:
-            return frames.invert(base_T_flange @ camera) @ board
-        return frames.invert(camera) @ base_T_flange @ board
+        return self.placed.predicted(base_T_flange)
 
     def cosines(self, base_T_flange: Array) -> Array:
         """Cosines (N,) of the board's tilt against the line of sight; below 0 where its back is seen."""

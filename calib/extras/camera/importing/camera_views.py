@@ -20,14 +20,14 @@ from calib.dataset_import.columns import Meaning
 from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, recognised
 from calib.errors import CalibError
 from calib.extras.camera.board import board_of
-from calib.extras.camera.board_hand_eye import board_hand_eye
+from calib.extras.camera.board_hand_eye import BoardHandEye
 from calib.extras.camera.detection import Detected, MeasuredViews, image_files, measured_images
+from calib.extras.camera.importing.board_rows import FEWEST, bad_rows, fits_of, require_agreement, require_no_mistake
 from calib.extras.camera.importing.intrinsics import load_lens
 from calib.extras.camera.importing.marker_poses import load_marker_poses
 from calib.extras.camera.observed import NAME, CameraViews
 from calib.extras.camera.reprojection import full_pose_errors
 from calib.extras.camera.view import covariance_of, shared_errors
-from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 from calib.progress import OnProgress
@@ -43,9 +43,9 @@ _MOST_BOARD_SIGMA = 0.05
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
 _SURE = 6.0  # sigmas
 _MOST_NAMED = 5
+_EXPLAINED = 0.35  # of the misfit, which a size that explains it leaves at the most
 _LEAST_SIGMA = 1e-3  # mm, degrees
 _SIGMA_ROUNDS = 4
-_FEWEST = 5  # poses of a hand-eye calibration that is judged
 
 
 @dataclass(frozen=True)
@@ -132,9 +132,18 @@ class CameraPoints:
         poses = Poses(tuple(ids), np.full(count, "train"), np.zeros((count, 1)), np.full(count, ""), tuple(ids))
         return frame_csv(points_frame(poses, self.points(ids)))
 
-    def settled(self, robot: Robot, ids: Sequence[str], q: Array) -> CameraPoints:
+    def select(self, rows: Sequence[int]) -> CameraPoints:
+        """The same without all poses but some."""
+        parts = (None if part is None else part[rows] for part in (self.covariance, self.shared))
+        covariance, shared = parts
+        names = tuple(self.names[row] for row in rows)
+        return replace(
+            self, names=names, camera_T_board=self.camera_T_board[rows], covariance=covariance, shared=shared
+        )
+
+    def settled(self, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]) -> CameraPoints:
         """The same by the arm as its table has it, see `settled_camera`. Raises CalibError."""
-        return settled_camera(self, robot, ids, q)
+        return settled_camera(self, robot, ids, q, setups)
 
     def scanner_table(self, declared: Mapping[str, Any]) -> dict[str, Any]:
         """[scanner]: the camera's mount, and the noise of its poses where they have no covariances of their own."""
@@ -309,72 +318,89 @@ def _of_marker_poses(choice: CameraChoice, table: UserTable, ids: Sequence[str])
     return CameraPoints(tuple(found), given.camera_T_marker, None, None, None, choice.mount, tuple(notes))
 
 
-def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> CameraPoints:
+def settled_camera(
+    given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]
+) -> CameraPoints:
     """Board poses with the camera's mount, and their noise where it is not known, found by the arm as its table has it.
 
-    ids: of the arm's N poses; q  # (N, n) rad, mm. Raises CalibError where the board's size contradicts the arm, or the
-    mount is not clear.
+    Single poses that contradict the others are left out. ids: of the arm's N poses, with q (N, n) rad, mm, and the
+    names of the camera's placements, [] for one. Raises CalibError where all contradict the arm, where the board's size
+    does, or where the mount is not clear.
     """
-    row = [ids.index(name) for name in given.names]
-    flange = nominal_chain(robot, q[row]).base_T_flange
     notes, mount = list(given.notes), given.mount
-    if len(row) < _FEWEST:
-        raise CalibError(f"the board is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
-    both = {name: board_hand_eye(flange, given.camera_T_board, on_flange=name == "flange") for name in MOUNTS}
-    if mount is None:
-        best = min(MOUNTS, key=lambda name: both[name].rms_mm)
-        other = next(name for name in MOUNTS if name != best)
-        if both[other].rms_mm < _FAR_MISFIT * both[best].rms_mm:
+    if len(given.names) < FEWEST:
+        raise CalibError(f"the board is seen at {len(given.names)} poses; {FEWEST} and more are needed, better 20")
+    plain = _to_fit(given, robot, ids, q, setups, Scanner())
+    names = ("the arm's poses", "the images" if given.views is not None else "the marker's poses")
+    both = {name: fits_of(plain, on_flange=name == "flange") for name in MOUNTS if mount in (None, name)}
+    if not all(both.values()):
+        raise CalibError(f"no placement of the camera has {FEWEST} poses; name as one what was one, or give more")
+    off_mm = {name: max(fit.misfit_mm for fit in fits) for name, fits in both.items()}
+    best, *others = sorted(off_mm, key=lambda name: off_mm[name])
+    is_clear = all(off_mm[other] > _FAR_MISFIT * off_mm[best] for other in others)
+    for name in (best,) if is_clear else (best, *others):
+        require_no_mistake(plain, both[name], names)
+    _require_scale(both[best], given)
+    require_agreement(plain, both[best], names)
+    for other in others:
+        if not is_clear:
             raise CalibError(
-                f"the poses do not tell where the camera is: on the flange the arm misses the board by "
-                f"{both['flange'].rms_mm:.3g} mm rms, in the room by {both['room'].rms_mm:.3g} mm; give "
+                f"the poses do not tell where the camera is: on the flange arm and board disagree by "
+                f"{off_mm['flange']:.3g} mm, in the room by {off_mm['room']:.3g} mm; give "
                 "--mount flange or --mount room, and check that joints and images belong together"
             )
-        mount = best
         notes.append(
-            f"the camera is {_AT[mount]}: the arm misses the board by {both[mount].rms_mm:.3g} mm rms, and by "
-            f"{both[other].rms_mm:.3g} mm if it were {_AT[other]}"
+            f"the camera is {_AT[best]}: arm and board disagree by {off_mm[best]:.3g} mm, and by "
+            f"{off_mm[other]:.3g} mm if it were {_AT[other]}"
         )
-    chosen = both[mount]
-    if chosen.is_determined:
-        _require_scale(chosen.scale, chosen.scale_sigma, given)
+    given = replace(given, mount=best)
+    left_out = bad_rows(plain, both[best])
+    if left_out:
+        notes += [f"pose {given.names[row]} is left out: its board is {why}" for row, why in left_out.items()]
+        given = given.select([row for row in range(len(given.names)) if row not in left_out])
     if given.covariance is None:
-        sigma_mm = max(rms(chosen.error_mm), _LEAST_SIGMA)
-        sigma_deg = max(float(np.degrees(np.sqrt(np.mean(chosen.error_rad**2)))), _LEAST_SIGMA)
-        given = replace(given, point_sigma_mm=sigma_mm, orientation_sigma_deg=sigma_deg, mount=mount)
-        fitted = _sigmas_of_fit(given, robot, ids, q)
-        if fitted is not None:
-            given = replace(given, point_sigma_mm=fitted[0], orientation_sigma_deg=fitted[1])
-        of_links = fitted is not None and not robot.is_cartesian
-        left = "a fit of the links leaves" if of_links else "the arm as it was told leaves"
+        fitted = _sigmas_of_fit(given, robot, ids, q, setups, both[best])
+        given = replace(given, point_sigma_mm=fitted[0], orientation_sigma_deg=fitted[1])
+        left = "the arm as it was told leaves" if robot.is_cartesian else "a fit of the links leaves"
         notes.append(
             f"the poses' noise is not given: {given.point_sigma_mm:.2g} mm and {given.orientation_sigma_deg:.2g}° per "
             f"axis weigh them, which {left}; give --sigma if you know it"
         )
-    return replace(given, mount=mount, notes=tuple(notes))
+    return replace(given, notes=tuple(notes))
 
 
-def _to_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, scanner: Scanner) -> Dataset:
+def _to_fit(
+    given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str], scanner: Scanner
+) -> Dataset:
     """Dataset of what the camera saw, all poses for training, for a fit by which the import judges it."""
     robot = replace(robot, carries_scanner=given.mount == "flange")
     count = len(ids)
     role = np.array(["reference", *["train"] * (count - 1)])
-    poses = Poses(tuple(ids), role, q, np.full(count, ""), tuple(ids))
+    poses = Poses(tuple(ids), role, q, np.array(setups or [""] * count), tuple(ids))
     return Dataset("import", robot, poses, given.points(ids), scanner=scanner)
 
 
-def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> tuple[float, float] | None:
-    """Sigmas per axis, mm and degrees, of what a fit of links, camera and board leaves; None where there is no fit.
+def _sigmas_of_fit(
+    given: CameraPoints,
+    robot: Robot,
+    ids: Sequence[str],
+    q: Array,
+    setups: Sequence[str],
+    fits: Sequence[BoardHandEye],
+) -> tuple[float, float]:
+    """Sigmas per axis, mm and degrees, of what a fit of links, camera and board leaves; of the table's, without one.
 
     Places and attitudes weigh by the sigmas of the round before, and share the degrees of freedom by their numbers.
     """
-    sigmas = (given.point_sigma_mm or 1.0, given.orientation_sigma_deg or 1.0)
+    off_mm = rms(np.concatenate([fit.error_mm[fit.good] for fit in fits]))
+    off_rad = rms(np.concatenate([fit.error_rad[fit.good] for fit in fits]))
+    sigmas = max(off_mm, _LEAST_SIGMA), max(float(np.degrees(off_rad)), _LEAST_SIGMA)
     for _ in range(_SIGMA_ROUNDS):
         scanner = Scanner(point_sigma_mm=sigmas[0], orientation_sigma_rad=float(np.radians(sigmas[1])))
         try:
-            fitted = fit_measured(_to_fit(given, robot, ids, q, scanner), FitOptions("pose"))
+            fitted = fit_measured(_to_fit(given, robot, ids, q, setups, scanner), FitOptions("pose"))
         except CalibError:
-            return None
+            return sigmas
         errors = full_pose_errors(fitted)
         share = errors.size / max(fitted.fit.degrees_of_freedom, 1)
         found_mm, found_rad = (float(np.sqrt(share * np.mean(part**2))) for part in (errors[:, :3], errors[:, 3:]))
@@ -382,12 +408,21 @@ def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     return sigmas
 
 
-def _require_scale(scale: float, sigma: float, given: CameraPoints) -> None:
-    """Raise CalibError where the declared size of a board contradicts the lengths of the arm."""
-    off = abs(1.0 / scale - 1.0) if scale > 0.0 else float("inf")
-    if off < _WRONG_SCALE or abs(scale - 1.0) < _SURE * sigma:
+def _require_scale(fits: Sequence[BoardHandEye], given: CameraPoints) -> None:
+    """Raise CalibError where the declared size of a board contradicts the lengths of the arm.
+
+    A size is told where it explains what arm and board disagree by, in each placement of the camera alike: whatever
+    else is wrong leaves its attitudes or its places.
+    """
+    for fit in fits:
+        off = abs(1.0 / fit.scale - 1.0) if fit.scale > 0.0 else float("inf")
+        explained = fit.is_determined and fit.scaled_mm < _EXPLAINED * fit.rms_mm
+        if off < _WRONG_SCALE or abs(fit.scale - 1.0) < _SURE * fit.scale_sigma or not explained:
+            return
+    scales = [fit.scale for fit in fits]
+    if np.ptp(scales) > _WRONG_SCALE * min(scales):
         return
-    fitting = f"{scale:.4g} times as large"
+    fitting = f"{scales[0]:.4g} times as large"
     if given.views is None:
         raise CalibError(
             f"the marker's poses fit the arm with lengths {fitting}; check --length-unit, and "
@@ -395,5 +430,5 @@ def _require_scale(scale: float, sigma: float, given: CameraPoints) -> None:
         )
     raise CalibError(
         f"--board {given.views.board}: the images fit the arm with a board {fitting} "
-        f"(± {sigma:.2g}); measure its squares, or check the robot's units"
+        f"(± {fits[0].scale_sigma:.2g}); measure its squares, or check the robot's units"
     )

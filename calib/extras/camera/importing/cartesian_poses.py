@@ -13,7 +13,7 @@ from calib.array_types import Array
 from calib.dataset_import.columns import Meaning, recognise
 from calib.dataset_import.flange_columns import has_flange_poses
 from calib.errors import CalibError
-from calib.extras.camera.board_hand_eye import board_hand_eye
+from calib.extras.camera.board_hand_eye import misfit_mm
 from calib.extras.camera.importing.camera_views import MOUNTS, CameraChoice, CameraPoints
 from calib.extras.camera.importing.documents import SUFFIXES
 from calib.extras.camera.importing.flange_poses import FlangePoses, readings_of
@@ -102,8 +102,7 @@ def joints_table(
     off_mm = []
     for one in readings:
         poses = one.base_T_flange[row]
-        each = [board_hand_eye(poses, camera.camera_T_board, on_flange=mount == "flange") for mount in mounts]
-        off_mm.append(min(found.rms_mm for found in each))
+        off_mm.append(min(misfit_mm(poses, camera.camera_T_board, on_flange=mount == "flange") for mount in mounts))
     best = int(np.argmin(off_mm))
     others = [
         off for one, off in zip(readings, off_mm, strict=True)

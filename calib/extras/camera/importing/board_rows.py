@@ -1,0 +1,185 @@
+"""Whether poses of a board and those of the arm belong together: rows that err, changed places, a wrong sign, a move.
+
+A third of the rows may err, in place or in attitude: they are named and left out. Where more do, or where what is left
+is more than arms err by, the mistakes that people make with tables are tried: another sign, order or zero of the
+joints, rows that are out of step, turned round or in any other order, and a board or camera that was moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, IndexArray
+from calib.consistency.hypotheses import DataHypothesis, column_names, of_matching, of_reading, of_shifts, simplest_of
+from calib.consistency.joint_reading import simple_readings
+from calib.dataset.dataset import Dataset
+from calib.errors import CalibError
+from calib.extras.camera.board_hand_eye import FAR, MOST, BoardHandEye, board_hand_eye, misfit_mm
+from calib.kinematics.chain import nominal_chain
+
+FEWEST = 5  # poses of a hand-eye calibration that is judged
+_QUIET_MM, _QUIET_SHARE = 2.0, 0.85  # misfit and share of good rows, up to which and from which no mistake is sought
+_CLEAR = 3.0  # ratio of misfits from which a mistake explains them
+_CLEAR_MOVE = 2.0  # the same of a move, after which few poses are left for each part
+_AS_GOOD = 1.3  # ratio of misfits up to which a simpler mistake explains them as well
+_LEAST_SHARE = 0.65  # of the rows, which have to agree
+_MOST_DEG, _MOST_SHARE = 8.0, 0.1  # errors that no arm has: of attitudes; of places, a share of the flange's spread
+_MATCHINGS = 4
+_NEARLY_ALL = 0.9  # of the poses before and after a move
+_LATE = 3  # rows at an end that hint at a move
+
+
+def flange_poses(dataset: Dataset) -> Array:
+    """Poses (M, 4, 4) of the flange at the points of a dataset, by its table."""
+    assert dataset.points is not None
+    return nominal_chain(dataset.robot, dataset.poses.q[dataset.points.pose]).base_T_flange
+
+
+def board_poses(dataset: Dataset) -> Array:
+    """Poses (M, 4, 4) of the board at the points of a dataset."""
+    points = dataset.points
+    assert points is not None
+    assert points.orientations is not None
+    return frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
+
+
+def of_setups(dataset: Dataset) -> list[IndexArray]:
+    """Rows of the points of each placement of the camera that has enough to be judged."""
+    assert dataset.points is not None
+    setup = dataset.poses.setup[dataset.points.pose]
+    rows = (np.flatnonzero(setup == name) for name in np.unique(setup))
+    return [each for each in rows if len(each) >= FEWEST]
+
+
+def fits_of(dataset: Dataset, *, on_flange: bool) -> list[BoardHandEye]:
+    """Hand-eye calibration of each placement of the camera."""
+    flange, seen = flange_poses(dataset), board_poses(dataset)
+    return [board_hand_eye(flange[rows], seen[rows], on_flange=on_flange) for rows in of_setups(dataset)]
+
+
+def require_no_mistake(dataset: Dataset, fits: Sequence[BoardHandEye], names: Sequence[str]) -> None:
+    """Raise CalibError where a mistake in the data explains what hand-eye calibrations leave.
+
+    names: of the files, which the error tells.
+    """
+    on_flange, count = fits[0].on_flange, sum(len(fit.good) for fit in fits)
+    now_mm = _misfit_mm(dataset, on_flange)
+    share = sum(int(fit.good.sum()) for fit in fits) / count
+    if now_mm < _QUIET_MM and share > _QUIET_SHARE:
+        return
+    where = " and ".join(names)
+    found = {one: _misfit_mm(one.of_dataset(dataset), on_flange) for one in _mistakes(dataset, fits)}
+    best_mm = min(found.values(), default=np.inf)
+    if best_mm < now_mm / _CLEAR:
+        likely = simplest_of([one for one, off_mm in found.items() if off_mm < _AS_GOOD * best_mm])
+        best = min(likely, key=lambda one: found[one])
+        raise CalibError(
+            f"{where}: {best.mistake}; {best.change} arm and board disagree {now_mm / found[best]:.0f} times less; "
+            f"{best.remedy}"
+        )
+    now_mm = _misfit_mm(dataset, on_flange, _NEARLY_ALL)
+    moved_mm, last, first = _moved(dataset, on_flange)
+    if moved_mm < now_mm / _CLEAR_MOVE:
+        raise CalibError(
+            f"{where}: board or camera was moved between poses {last} and {first}: taken apart there, arm and board "
+            f"disagree {now_mm / moved_mm:.1f} times less; import the poses before and after it apart"
+        )
+
+
+def require_agreement(dataset: Dataset, fits: Sequence[BoardHandEye], names: Sequence[str]) -> None:
+    """Raise CalibError where too few poses agree, or agree by no more than chance."""
+    share = sum(int(fit.good.sum()) for fit in fits) / sum(len(fit.good) for fit in fits)
+    off_mm, off_deg = max(fit.rms_mm for fit in fits), float(np.degrees(max(fit.rms_rad for fit in fits)))
+    spread_mm = float(np.linalg.norm(np.std(flange_poses(dataset)[:, :3, 3], axis=0)))
+    if share < _LEAST_SHARE or off_deg > _MOST_DEG or off_mm > _MOST_SHARE * max(spread_mm, 100.0):
+        raise CalibError(
+            f"{' and '.join(names)} do not belong together: {share:.0%} of them agree, to {off_mm:.3g} mm and "
+            f"{off_deg:.2g}°; no sign, order or zero of the joints, no other order of the rows and no move explains "
+            "it; check that robot, joints and what the camera saw are of one run, and that each row has its own image"
+        )
+
+
+def _misfit_mm(dataset: Dataset, on_flange: bool, most: float = MOST) -> float:
+    """Misfit of the worst placement of the camera, by a share of its poses."""
+    flange, seen = flange_poses(dataset), board_poses(dataset)
+    each = [misfit_mm(flange[rows], seen[rows], on_flange=on_flange, most=most) for rows in of_setups(dataset)]
+    return max(each, default=float("inf"))
+
+
+def _mistakes(dataset: Dataset, fits: Sequence[BoardHandEye]) -> Iterator[DataHypothesis]:
+    """Mistakes that the data may have, changes of a dataset."""
+    robot = dataset.robot
+    if not robot.is_cartesian:
+        for reading in simple_readings(robot.is_revolute):
+            if reading.edits:
+                yield of_reading(reading, column_names(robot))
+    yield from of_shifts(dataset)
+    if len(fits) == 1 and dataset.points is not None:
+        order = _matched(flange_poses(dataset), board_poses(dataset), fits[0].on_flange)
+        yield of_matching(dataset, dataset.points.pose, dataset.points.pose[order])
+
+
+def _matched(flange: Array, seen: Array, on_flange: bool) -> IndexArray:
+    """Row (M,) of the flange's pose that belongs to each pose of the board, in whatever order they stand.
+
+    First by the turns between poses, which arm and board have alike (each row's, sorted); then by what the hand-eye
+    calibration of rows so matched predicts.
+    """
+    from scipy.optimize import linear_sum_assignment  # slow to load
+
+    each = []
+    for turns in ((frames.invert(seen) if on_flange else seen)[:, :3, :3], flange[:, :3, :3]):
+        between = frames.rotvec_from_rotation(np.swapaxes(turns, 1, 2)[:, None] @ turns[None])
+        each.append(np.sort(np.linalg.norm(between, axis=-1), axis=1))
+    cost = np.abs(each[0][:, None] - each[1][None]).sum(axis=-1)
+    order = np.asarray(linear_sum_assignment(cost)[1])
+    for _ in range(_MATCHINGS):
+        fit = board_hand_eye(flange[order], seen, on_flange=on_flange)
+        order = np.asarray(linear_sum_assignment(fit.distances_mm(flange, seen))[1])
+    return order
+
+
+def _moved(dataset: Dataset, on_flange: bool) -> tuple[float, str, str]:
+    """Misfit where the rows are parted in two, the worse part's, and the poses between which that is least."""
+    flange, seen, points = flange_poses(dataset), board_poses(dataset), dataset.points
+    assert points is not None
+    best = (float("inf"), "", "")
+    for rows in of_setups(dataset) if len(of_setups(dataset)) == 1 else []:
+        for k in range(FEWEST + 1, len(rows) - FEWEST):
+            off = [
+                misfit_mm(flange[part], seen[part], on_flange=on_flange, most=_NEARLY_ALL)
+                for part in (rows[:k], rows[k:])
+            ]
+            last, first = (dataset.poses.ids[points.pose[rows[i]]] for i in (k - 1, k))
+            best = min(best, (max(off), last, first))
+    return best
+
+
+def bad_rows(dataset: Dataset, fits: Sequence[BoardHandEye]) -> dict[int, str]:
+    """Why rows of the points are left out, by row: poses of the board that agree with most others do not."""
+    flange, seen, points = flange_poses(dataset), board_poses(dataset), dataset.points
+    assert points is not None
+    assert points.orientations is not None
+    own = np.zeros((2, len(points)))  # sigmas of an axis: what is seen badly may be far off
+    if points.covariance_mm2 is not None and points.orientations.covariance_rad2 is not None:
+        both = np.stack([points.covariance_mm2, points.orientations.covariance_rad2])
+        own = np.sqrt(np.trace(both, axis1=2, axis2=3) / 3.0)
+    out = {}
+    for rows, fit in zip(of_setups(dataset), fits, strict=True):
+        off = np.stack([np.linalg.norm(error, axis=1) for error in (fit.error_mm, fit.error_rad)])
+        gone = ~fit.good & np.any(off > FAR * own[:, rows], axis=0)
+        bad = rows[gone]
+        for row, off_mm, off_rad in zip(bad, *off[:, gone], strict=True):
+            told = f"{off_mm:.3g} mm and {np.degrees(off_rad):.2g}° from where arm and most others put it"
+            there = np.repeat(flange[[row]], len(bad), axis=0)
+            owner = bad[fit.agrees(flange[bad], np.repeat(seen[[row]], len(bad), axis=0))]
+            mine = bad[fit.agrees(there, seen[bad])]
+            for other in owner if np.array_equal(owner, mine) else ():
+                told += f"; it has changed places with {dataset.poses.ids[points.pose[other]]}"
+            if len(bad) >= _LATE and set(bad) in (set(rows[: len(bad)]), set(rows[-len(bad) :])):
+                told += "; all such poses stand at one end: was board or camera moved?"
+            out[int(row)] = told
+    return out

@@ -1,0 +1,121 @@
+"""Rows that err, and mistakes with tables: what an import says of a board's poses that do not fit the arm's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calib.dataset.files.robot_toml import load_robot_toml
+from calib.errors import CalibError
+from calib.extras.camera.importing.camera_views import CameraPoints
+from tests.support.camera_scene import ROBOT_FILE, Scene, flange, transform
+
+POSES = 24
+
+
+def noisy(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Poses with errors of 0.3 mm and 0.1 deg per axis."""
+    turns = Rotation.from_rotvec(np.radians(0.1) * rng.normal(size=(len(poses), 3)))
+    return np.array([
+        transform(turn * Rotation.from_matrix(at[:3, :3]), at[:3, 3] + 0.3 * rng.normal(size=3))
+        for turn, at in zip(turns, poses, strict=True)
+    ])  # fmt: skip
+
+
+@pytest.fixture(params=[True, False], ids=["on the flange", "in the room"])
+def cell(request) -> tuple[Scene, np.ndarray, np.random.Generator]:
+    """A scene of an arm whose links err, and the board's poses as a camera tells them."""
+    rng = np.random.default_rng(5)
+    scene = Scene.draw(rng, on_flange=request.param, poses=POSES, link_mm=0.5, link_deg=0.1)
+    return scene, noisy(scene.camera_T_board, rng), rng
+
+
+def settled(scene: Scene, q: np.ndarray, seen: np.ndarray, setups: tuple[str, ...] = ()) -> CameraPoints:
+    """The board's poses as the import settles them."""
+    given = CameraPoints(scene.names, seen, None, None, None, None)
+    return given.settled(load_robot_toml(Path(ROBOT_FILE)), scene.names, q, setups)
+
+
+def flipped(at: np.ndarray) -> np.ndarray:
+    """The other attitude that a flat marker seen from afar may have."""
+    sight = at[:3, 3] / np.linalg.norm(at[:3, 3])
+    axis = np.cross(at[:3, 2], sight)
+    angle = 2.0 * np.arcsin(np.linalg.norm(axis))
+    turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    return transform(turn * Rotation.from_matrix(at[:3, :3]), at[:3, 3])
+
+
+def test_a_third_of_bad_rows_is_named_and_claims_no_size(cell):
+    """Flips, which are right in place, rows that have changed places, and rows that are wrong altogether."""
+    scene, seen, rng = cell
+    seen[[3, 9]] = seen[[9, 3]]
+    for k in (2, 7):
+        seen[k] = flipped(seen[k])
+    for k in (13, 18):
+        seen[k] = transform(Rotation.random(random_state=k), seen[k][:3, 3] + 80.0 * rng.normal(size=3))
+    found = settled(scene, scene.q, seen)
+    assert set(scene.names) - set(found.names) == {"p3", "p4", "p8", "p10", "p14", "p19"}
+    assert found.mount == ("flange" if scene.on_flange else "room")
+    assert any("pose p4 is left out" in note and "changed places with p10" in note for note in found.notes)
+    assert found.point_sigma_mm == pytest.approx(0.3, rel=0.4)
+    assert found.orientation_sigma_deg == pytest.approx(0.1, rel=0.4)
+
+
+def test_no_row_of_a_sound_cell_is_left_out(cell):
+    scene, seen, _ = cell
+    assert settled(scene, scene.q, seen).names == scene.names
+
+
+def test_each_placement_of_the_camera_is_judged_by_itself():
+    rng = np.random.default_rng(6)
+    first = Scene.draw(rng, on_flange=False, poses=12, link_mm=0.5, link_deg=0.1)
+    turned = transform(Rotation.from_euler("y", 20, degrees=True), [200.0, -50.0, 80.0])
+    seen = noisy(np.concatenate([first.camera_T_board, turned @ first.camera_T_board]), rng)
+    names = tuple(f"p{k + 1}" for k in range(24))
+    both = replace(first, names=names, q=np.concatenate([first.q, first.q]))
+    assert settled(both, both.q, seen, ("a",) * 12 + ("b",) * 12).names == names
+
+
+def _moved(scene: Scene, seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    arm = np.array([flange(scene.true_table, q) for q in scene.q])
+    board = scene.parent_T_board @ transform(Rotation.from_rotvec([0.02, -0.01, 0.03]), [9.0, -6.0, 4.0])
+    camera = scene.parent_T_camera
+    late = np.linalg.inv(arm @ camera) @ board if scene.on_flange else np.linalg.inv(camera) @ arm @ board
+    return np.concatenate([seen[:13], noisy(late[13:], rng)])
+
+
+@pytest.mark.parametrize(
+    ("mistake", "says"),
+    [
+        ("sign", "joint 3 turns the other way"), ("order", "q4_deg and q5_deg have changed places"),
+        ("zero", "joint 5 is counted from"), ("reversed", "opposite order"), ("step", "out of step"),
+        ("shuffled", "belong to the joints of other rows"), ("moved", "was moved between poses"),
+        ("size", "times as large"), ("nonsense", "do not belong together"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_told_as_what_it_is(cell, mistake, says):
+    scene, seen, rng = cell
+    q = scene.q.copy()
+    if mistake == "sign":
+        q[:, 2] *= -1.0
+    elif mistake == "order":
+        q[:, [3, 4]] = q[:, [4, 3]]
+    elif mistake == "zero":
+        q[:, 4] += 0.5 * np.pi
+    elif mistake in ("reversed", "step", "shuffled"):
+        rows = {"reversed": np.arange(POSES)[::-1], "step": np.roll(np.arange(POSES), 1)}
+        seen = seen[rows.get(mistake, rng.permutation(POSES))]
+    elif mistake == "moved":
+        seen = _moved(scene, seen, rng)
+    elif mistake == "size":
+        seen[:, :3, 3] *= 1.1
+    else:
+        seen = np.array([transform(Rotation.random(random_state=k), 100.0 * rng.normal(size=3)) for k in range(POSES)])
+    with pytest.raises(CalibError, match=says) as refused:
+        settled(scene, q, seen)
+    if mistake == "size":
+        assert float(str(refused.value).split("lengths ")[1].split()[0]) == pytest.approx(1 / 1.1, rel=0.015)
