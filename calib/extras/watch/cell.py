@@ -34,6 +34,7 @@ class CellTests:
     scanner: ChangeModel
     fixed: ChangeTests
     free: ChangeTests
+    elsewhere_mm: float | None  # by which the points show that the scanner was set up anew; None where they do not
     scanner_known: bool  # whether the earlier fit knows the scanner's station, and it was not set up anew
     rmse_mm: float  # 3D, of the new points with the scanner where it was or, if it was set up anew, fitted to them
     likely_mm: float  # `rmse_mm` that is expected where nothing changed
@@ -50,7 +51,7 @@ class CellTests:
         expected = Expectation.of(base, [check], scanner_moved=scanner_moved)
         fixed, free = expected.tests([check])
         known = expected.before_T_base is not None
-        anew = check.anew_T_base
+        anew, earlier = check.anew_T_base, base.after.scanner_T_base.get(check.station)
         before = anew if expected.before_T_base is None else expected.before_T_base
         measured_mm, covariance_mm2 = check.measured_mm, check.observed.covariance_mm2
         colour = np.asarray(np.linalg.inv(check.whiten), dtype=float)
@@ -61,6 +62,7 @@ class CellTests:
             scanner=scanner_motion(check, before, expected.prior.centre_mm),
             fixed=fixed,
             free=free,
+            elsewhere_mm=None if earlier is None else check.elsewhere_mm(earlier),
             scanner_known=known,
             rmse_mm=rms_length(measured_mm - frames.apply(before, check.at_mm)),
             likely_mm=likely_mm,

@@ -20,9 +20,10 @@ from calib.extras.watch.misfit import MOST_POSES, Misfit
 from calib.extras.watch.prediction_spread import Spread
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, whitener
-from calib.statistics import chi2_sf
+from calib.statistics import chi2_sf, rms_length
 
 _FEWEST = 3  # check poses
+_SET_UP_ANEW_MM = 50.0  # by which the points move where no knock did it
 _FEWEST_DOF = 8.0  # of the noise, whatever its errors are like
 _CHANCE = 1e-4  # probability of residuals as small as the fit's, below which the noise is less than declared
 _FINEST = 1e-9  # least noise as a share of the largest coordinate: exact data leave nothing but rounding
@@ -72,6 +73,16 @@ class CheckPoints:
         """Measured points (M, 3), scanner frame."""
         return self.observed.points.xyz_mm
 
+    def elsewhere_mm(self, before_T_base: Array) -> float | None:
+        """How far the points are, mm, from where an earlier place of the scanner has them; None where it stands there.
+
+        So far no knock moves a scanner: it was set up anew. Three poses tell nothing of it: a frame fits any three.
+        """
+        if self.poses <= _FEWEST:
+            return None
+        moved_mm = rms_length(frames.apply(before_T_base, self.at_mm) - frames.apply(self.anew_T_base, self.at_mm))
+        return moved_mm if moved_mm > _SET_UP_ANEW_MM else None
+
     def linearised(self, scanner_T_base: Array, centre_mm: Array) -> tuple[Array, Array, Array]:
         """Whitened residual (3 M,), and its derivatives by x (3 M, P) and by the frame's motion (3 M, 6)."""
         predicted_mm = frames.apply(scanner_T_base, self.at_mm)
@@ -96,6 +107,7 @@ class Expectation:
         """Expected errors of checks at one station, by what the earlier fit knows."""
         station = checks[0].station
         known = not scanner_moved and station in base.after.scanner_T_base
+        known = known and not any(check.elsewhere_mm(base.after.scanner_T_base[station]) for check in checks)
         noise, dof, scale = _noise(base)
         misfit = Misfit.of(base)
         # Errors that are alike, or few of them large, tell less of their size.

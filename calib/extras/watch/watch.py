@@ -61,6 +61,7 @@ class ChangeReport(Presented):
     outside: tuple[str, ...] = ()  # check poses with joints outside the ranges of the training poses
     outside_words: str = ""
     left_out: tuple[str, ...] = ()  # poses that the earlier fit does without, as asked or as they stand out
+    set_up_anew_mm: float | None = None  # how far the points are from where the scanner's earlier place has them
     times_noise: float | None = None  # residual of the earlier fit over the declared noise; None where none is declared
 
     @property
@@ -130,6 +131,7 @@ def report_of(base: Calibration, new: Dataset, *, scanner_moved: bool) -> Change
         outside=tuple(new.poses.ids[i] for i in np.flatnonzero(trained.outside(new.robot, new.poses.q))),
         outside_words=trained.words(new.robot, new.poses.q, new.poses.ids),
         left_out=base.fitted_dataset.left_out,
+        set_up_anew_mm=None if scanner_moved else tests.elsewhere_mm,
         times_noise=times_declared_noise(base),
     )
 

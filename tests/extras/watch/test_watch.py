@@ -152,7 +152,19 @@ def test_a_scanner_far_from_where_it_was_is_no_noise(cells: list[Drawn]) -> None
     rng, cell, base = cells[1]
     for k in range(10):  # turns beside shifts: rad and mm are many powers of ten apart
         moved = cell.with_scanner_moved(rng.normal(size=3) * 10 ** (-0.4 * k - 1), rng.normal(size=3))
-        assert whats(watch(base, moved.measured(rng))) == ["scanner"]
+        seen = watch(base, moved.measured(rng))
+        assert whats(seen) == (["scanner"] if seen.set_up_anew_mm is None else [])
+        assert (k < 2) == (seen.set_up_anew_mm is not None)
+
+
+def test_a_scanner_that_was_set_up_anew_is_no_change_and_hides_none(cells: list[Drawn]) -> None:
+    rng, cell, base = cells[1]
+    elsewhere = cell.with_scanner_moved(np.array([0.1, -0.05, 0.2]), np.array([200.0, 150.0, -80.0]))
+    seen = watch(base, elsewhere.measured(rng))
+    assert seen.verdict == "unchanged"
+    assert "The instrument was set up anew" in seen.summary()
+    slipped = watch(base, elsewhere.with_changes({"theta3": np.radians(0.08)}).measured(rng))
+    assert whats(slipped) == ["joint_zero 3"]
 
 
 def test_residuals_that_happened_to_be_small_make_no_alarms() -> None:

@@ -63,7 +63,13 @@ def change_verdict(report: ChangeReport) -> list[Block]:
     """Blocks with the verdict on one measurement of a cell."""
     verdict = Verdict(change_headline(report), VERDICT_COLOURS[report.verdict])
     without = f"The earlier fit is without {numbers.listing(report.left_out)}." if report.left_out else ""
-    said = (without, misfit_sentence("the earlier recording", report.times_noise))
+    anew = ""
+    if report.set_up_anew_mm is not None:
+        anew = (
+            f"The instrument was set up anew: its points are {numbers.length(report.set_up_anew_mm)} from where its "
+            "earlier place would have them. That is no change of the cell."
+        )
+    said = (anew, without, misfit_sentence("the earlier recording", report.times_noise))
     return [verdict, *map(Paragraph, filter(None, said))]
 
 
