@@ -156,43 +156,35 @@ def frames_given(language: str, option: str, texts: Sequence[str]) -> Frames:
 
 def require_frames(program: Program, tools: Frames, works: Frames) -> None:
     """Raise CalibError where a target's tool or work frame is neither in the program nor given, or not alone."""
+    form, _, units = FORM[program.language].partition(" ")
     for option, given, frames in (
         ("--tool-frame", tools, [(target, target.tool) for target in program.targets]),
         ("--work-frame", works, [(target, target.work) for target in program.targets]),
     ):
-        open_: dict[str, tuple[NamedFrame, ProgramTarget]] = {}
-        for target, frame in frames:
-            if frame is not None and frame.transform is None:
-                open_.setdefault(frame.name.lower(), (frame, target))
+        open_ = {frame.name.lower(): (frame, target) for target, frame in reversed(frames) if frame and frame.is_open}
         unneeded = [name for name in given if (name not in open_ if name else not open_.keys() - given.keys())]
         if unneeded:
             what = f"{option} {unneeded[0]}".rstrip()
             raise CalibError(f"{program.path}: no target needs {what}: the program defines its own; leave it out")
-        left = [open_[name] for name in open_ if name not in given]
-        form, _, units = FORM[program.language].partition(" ")
+        left = [open_[name] for name in reversed(open_) if name not in given]
+        names = ", ".join(frame.name for frame, _ in left)
         if left and "" not in given:
             frame, target = left[0]
-            several = (
-                "" if len(left) == 1 else f", and so do {len(left) - 1} others: {_names(left)}; each as NAME={form}"
-            )
+            several = f", and so do {len(left) - 1} others: {names}; each as NAME={form}" if len(left) > 1 else ""
             raise CalibError(
                 f"{program.path}: line {target.line}: {target.name} needs {frame.name}, which this file does not "
                 f"define; give it as {option}={form} ({units}), or name its file as --with FILE{several}"
             )
         if len(left) > 1:
             raise CalibError(
-                f"{program.path}: {option} is one frame, and the file leaves {len(left)} open: {_names(left)}; "
+                f"{program.path}: {option} is one frame, and the file leaves {len(left)} open: {names}; "
                 f"give each as {option} 'NAME={form}'"
             )
 
 
-def _names(open_: Sequence[tuple[NamedFrame, ProgramTarget]]) -> str:
-    return ", ".join(frame.name for frame, _ in open_)
-
-
 def frame_of(frame: NamedFrame | None, given: Frames) -> Array:
     """Transform of a target's frame, the program's own or the given one."""
-    if frame is not None and frame.transform is not None:
+    assert frame is not None, "a pose has frames"
+    if frame.transform is not None:
         return frame.transform
-    name = "" if frame is None else frame.name.lower()
-    return given[name] if name in given else given[""]  # by require_frames there is one
+    return given.get(frame.name.lower(), given.get("", np.eye(4)))  # by require_frames one is given

@@ -130,3 +130,16 @@ def test_elements_of_arrays_keep_postures_where_their_index_is_told(tmp_path: Pa
     assert [move.posture for move in told.targets] == ["PTP", "P[1]", ""]
     open_ = corrected(KUKA, "a.src", f"{held}FOR i=1 TO 2\nLIN P[i]\nENDFOR\nEND\n", tmp_path)
     assert not open_.reached
+
+
+@pytest.mark.parametrize(
+    ("name", "moves"), [("a.src", "PTP_REL {A5 10}"), ("a.src", "PTP home"), ("a.script", "speedj(v)")]
+)
+def test_behind_a_motion_to_nowhere_known_no_posture_is_told(name: str, moves: str, tmp_path: Path) -> None:
+    start = np.array([0.4, -1.4, 1.3, 2.6, 0.5, -0.7])
+    language = "KRL" if name == "a.src" else "URScript"
+    pose = listed(language, makers(language, KUKA.stands(start)))
+    text = f"{HEAD}{axes(start)}{moves}\nLIN {{{pose}}}\nEND\n"
+    if language == "URScript":
+        text = f"set_tcp(p[0,0,0,0,0,0])\nmovej({start.tolist()})\n{moves}\nmovel({pose})\n"
+    assert [move.reached for move in corrected(KUKA, name, text, tmp_path).targets] == [True, False]

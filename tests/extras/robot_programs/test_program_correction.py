@@ -14,11 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.extras.robot_programs.postures import Place, postures_at
 from calib.extras.robot_programs.program_correction import ProgramCorrection, corrected_program
 from calib.extras.robot_programs.program_targets import load_program
-from calib.extras.robot_programs.program_text.source import Configuration
-from calib.kinematics.flange import flange_frames
 from calib.kinematics.robot import Robot
 from inspector.cli.parser import main
 from tests.extras.robot_programs.controllers import (
@@ -112,18 +109,6 @@ def test_the_true_arm_goes_where_the_nominal_one_was_told_to(language: str, cell
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_without_errors_the_numbers_stay(language: str, cell: Cell, tmp_path: Path) -> None:
-    path = tmp_path / f"prog{LANGUAGES[language]}"
-    path.write_text(written(language, cell), newline="")
-    result = corrected_program(load_program(path), cell.nominal, cell.nominal)
-    assert result.reached
-    assert max(move.moved_mm for move in result.targets) < 1e-6
-    before, after = (read_back(language, content.decode("ascii")) for content in (path.read_bytes(), result.content))
-    for old, new in zip(before, after, strict=True):
-        np.testing.assert_allclose(new, old, atol=2e-9)
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
 def test_an_unreachable_target_is_left_and_told(language: str, cell: Cell, tmp_path: Path) -> None:
     text = written(language, cell)
     _, poses = read_back(language, text)
@@ -139,12 +124,6 @@ def test_an_unreachable_target_is_left_and_told(language: str, cell: Cell, tmp_p
     for move in result.targets:
         line = move.target.line - 1
         assert (old[line] == new[line]) is not move.reached
-
-
-def test_where_positions_alone_are_known_another_tool_is_left(cell: Cell, tmp_path: Path) -> None:
-    result = run("KRL", cell, written("KRL", cell), tmp_path, kind="position")
-    assert [move.reached for move in result.targets] == [True, False] * 3
-    assert "--what pose" in result.targets[-1].reason
 
 
 def test_a_frame_that_is_not_defined_has_to_be_given(cell: Cell, tmp_path: Path) -> None:
@@ -204,16 +183,6 @@ def test_qnear_and_frames_of_urscript_count(cell: Cell, tmp_path: Path) -> None:
     degrees = [float(v) for v in re.findall(rf"d2r\(({NUMBER})\)", result.content.decode())]
     stands = flange(cell.true.table, np.radians(degrees))
     np.testing.assert_allclose(stands, flange(cell.nominal.table, Q[0]), atol=2e-4)
-
-
-def test_postures_are_found_at_places_all_over(cell: Cell) -> None:
-    q = np.random.default_rng(8).uniform(-2.5, 2.5, (40, 6))
-    places = [
-        Place(at, Configuration(tuple((-np.inf, 0.0) if v < 0 else (0.0, np.inf) for v in one)), one)
-        for at, one in zip(flange_frames(cell.nominal, q), q, strict=True)
-    ]
-    found = postures_at(cell.nominal, places)
-    np.testing.assert_allclose([posture.q for posture in found], q, atol=1e-6)
 
 
 @pytest.fixture(scope="module")

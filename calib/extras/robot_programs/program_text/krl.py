@@ -16,18 +16,14 @@ from typing import Never
 import numpy as np
 
 from calib.extras.robot_programs.program_text.flow import FlowEvent
-from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Visit, settled
+from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Reading, Visit
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.source import (
-    NO_CONFIGURATION,
     Configuration,
     Group,
     NamedFrame,
-    ProgramTarget,
     ProgramTargets,
-    SkippedLiteral,
     Source,
-    external_axes,
 )
 
 MASKED = re.compile(r"\"[^\"\r\n]*\"?|;[^\r\n]*|(?:(?<=\n)|(?<=\r)|\A)[ \t]*&[^\r\n]*")
@@ -64,52 +60,47 @@ _BLOCKS: dict[str, tuple[str, str]] = {  # kind and name of the event
 
 def krl_targets(source: Source) -> ProgramTargets:
     """Targets of a KRL source or data file. Raises CalibError where brackets do not match."""
-    left: list[SkippedLiteral] = []
-    literals: list[Literal] = []
-    outside: list[int] = []  # lines of targets whose external axes stand elsewhere than at 0
     frames = _Frames.of(source)
     visits = list(_visits(source, frames))
     inline = {visit.place: source.first_word(visit.place).upper() for visit in visits if not visit.variable}
-    changed, visited = _changed(source), {visit.variable for visit in visits}
+    changed, no_position = _changed(source), _no_positions(source, {visit.variable for visit in visits})
+    reading = Reading(source, visits)
     for group in source.own_groups:
         parts = _components(source, group)
         names = set(parts)
         if not names or not names <= _COMPONENTS or not names & {*JOINTS, *POSE}:
             continue
-        line, what = source.line(group.start), source.literal(group.start, group.end)
-        name, element, reason = (
-            (inline[group.start], "", "") if group.start in inline else _holder(source, group, visited)
-        )
-        wanted, kind = (JOINTS, "joints") if names & set(JOINTS) else (POSE, "pose")
-        if not reason and not set(wanted) <= names:
+        name, element, wrong = inline.get(group.start, ""), "", ""
+        if not name:
+            name, element, wrong = _holder(source, group, no_position)
+        wanted = JOINTS if names & set(JOINTS) else POSE
+        if not wrong and not set(wanted) <= names:
             missing = ", ".join(each for each in wanted if each not in names)
-            reason = f"part of a position: the controller keeps the present {missing}"
-        numbers = source.numbers([parts[each] for each in wanted if each in parts])
-        if reason or isinstance(numbers, str):
-            left.append(SkippedLiteral(line, what, reason or str(numbers)))
+            wrong = f"part of a position: the controller keeps the present {missing}"
+        if wrong:
+            reading.leave(group.start, group.end, wrong)
             continue
-        configuration = _configuration(source, parts) if kind == "pose" else NO_CONFIGURATION
-        shown = f"{name}[{element}]" if element else name
-        target = ProgramTarget(shown, line, kind, numbers, group.start, configuration=configuration)  # type: ignore[arg-type]
-        variable = "" if group.start in inline else name.upper()
-        reason = changed.get(variable, "")
-        tool, work = None, None
-        numbered = frames.of_point.get(variable.removeprefix("X")) if variable else None
+        variable = name.upper()
+        reason, tool, work = changed.get(variable, ""), None, None
+        numbered = frames.of_point.get(variable.removeprefix("X")) if group.start not in inline else None
         if isinstance(numbered, str):
             reason = numbered
         elif numbered is not None:
             tool, work = numbered
-        elif kind == "pose" and not reason and frames.fixed_tool is not None:
+        elif wanted is POSE and not reason and frames.fixed_tool is not None:
             reason = f"{source.at_line(frames.fixed_tool)} moves a workpiece at a fixed tool"
-        literals.append(Literal(target, variable, element, tool, work, reason))
         external = source.numbers([span for each, span in parts.items() if each in _EXTERNAL])
-        if isinstance(external, str) or any(number.value for number in external):
-            outside.append(line)
-    found, without = settled(
-        literals, visits, list(_structure(source)), frames.set_at("TOOL"), frames.set_at("BASE"),
-        acts=bool(visits), top_first=False,
-    )  # fmt: skip
-    return ProgramTargets(found, tuple(sorted([*left, *without], key=lambda each: each.line)), external_axes(outside))
+        reading.take(
+            Literal(
+                f"{name}[{element}]" if element else name, group.start, group.end,
+                "pose" if wanted is POSE else "joints", [parts[each] for each in wanted], variable, element,
+                _configuration(source, parts), tool=tool, work=work, reason=reason,
+                moves_external=isinstance(external, str) or any(number.value for number in external),
+            )
+        )  # fmt: skip
+    return reading.result(
+        list(_structure(source)), frames.set_at("TOOL"), frames.set_at("BASE"), acts=bool(visits), top_first=False
+    )
 
 
 def _components(source: Source, group: Group) -> dict[str, tuple[int, int]]:
@@ -126,7 +117,7 @@ def _components(source: Source, group: Group) -> dict[str, tuple[int, int]]:
     return found
 
 
-def _holder(source: Source, group: Group, visited: set[str]) -> tuple[str, str, str]:
+def _holder(source: Source, group: Group, no_position: dict[str, str]) -> tuple[str, str, str]:
     """Variable that holds an aggregate, the element of an array, and why it is no target ("" where it is)."""
     held = _HELD.search(source.before(group.start))
     if source.first_word(group.start).upper().endswith("_REL"):
@@ -135,10 +126,14 @@ def _holder(source: Source, group: Group, visited: set[str]) -> tuple[str, str, 
         return "", "", "an argument or part of an expression"
     if held[1] or held[2].startswith("$") or held[2].upper() in ("BASE_DATA", "TOOL_DATA"):
         return held[2], "", "the definition of a tool or base, or another variable of the system"
-    name = held[2].upper()
-    kind = next((m[1].upper() for m in _NO_POSITION.finditer(source.code) if m[2].upper() == name), "")
-    is_none = kind not in ("", "FRAME") or (kind == "FRAME" and name not in visited)
-    return held[2], held[3] or "", f"a {kind}, no position" if is_none else ""
+    kind = no_position.get(held[2].upper())
+    return held[2], held[3] or "", f"a {kind}, no position" if kind else ""
+
+
+def _no_positions(source: Source, visited: set[str]) -> dict[str, str]:
+    """Types of the variables, upper case, that are declared as something else; a FRAME may be moved to."""
+    declared = {match[2].upper(): match[1].upper() for match in _NO_POSITION.finditer(source.code)}
+    return {name: kind for name, kind in declared.items() if kind != "FRAME" or name not in visited}
 
 
 def _changed(source: Source) -> dict[str, str]:
@@ -184,6 +179,8 @@ def _visits(source: Source, frames: _Frames) -> Iterable[Visit]:
     """Motions of the program."""
     for match in _STATEMENT.finditer(source.code):
         motion, place = match[1].upper(), match.end()
+        if motion in ("PTP_REL", "SPTP_REL"):
+            yield Visit(place, COMPUTED, is_joint=True)
         if motion not in _MOTIONS:
             continue
         line_end = source.line_end(place)

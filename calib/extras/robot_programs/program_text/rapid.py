@@ -17,19 +17,17 @@ from typing import Never
 import numpy as np
 
 from calib.extras.robot_programs.program_text.flow import FlowEvent
-from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Visit, settled
+from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Reading, Visit
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.source import (
     NO_CONFIGURATION,
     NUMBER,
     Configuration,
     Group,
+    Kind,
     NamedFrame,
-    ProgramTarget,
     ProgramTargets,
-    SkippedLiteral,
     Source,
-    external_axes,
 )
 
 MASKED = re.compile(r"\"[^\"\r\n]*\"?|![^\r\n]*")
@@ -54,7 +52,7 @@ _NESTED, _HEAD = 3, 40
 _BY_JOINTS = re.compile(r"(?:Move(?:Abs)?|Trigg|Search)J", re.IGNORECASE)
 _HELD = ("robtarget", "jointtarget")
 _UNUSED_AXIS = 9e8  # as 9E9
-_SHAPES = {(6, 6): "joints", (3, 4, 4, 6): "pose"}
+_SHAPES: dict[tuple[int, ...], Kind] = {(6, 6): "joints", (3, 4, 4, 6): "pose"}
 _BLOCK = re.compile(
     r"\b(?:(PROC|FUNC\s+\w+|TRAP)\s+(\w+)|(IF)\b[^;]*?\bTHEN|(TEST)|(FOR|WHILE)|(ELSEIF|CASE)|(ELSE|DEFAULT)"
     r"|(END(?:PROC|FUNC|TRAP|IF|TEST|FOR|WHILE)))\b",
@@ -68,9 +66,9 @@ def rapid_targets(source: Source) -> ProgramTargets:
     frames = _Frames(source)
     visits = list(_visits(source, frames))
     inline = {visit.place: source.first_word(visit.place) for visit in visits if not visit.variable}
-    left: list[SkippedLiteral] = list(frames.definitions)
-    literals: list[Literal] = []
-    outside: list[int] = []  # lines of targets whose external axes stand elsewhere than at 0
+    reading = Reading(source, visits)
+    for name, group in frames.definitions:
+        reading.leave(group.start, group.end, "the definition of a tool or work object", name)
     counts: dict[str, int] = {}
     for group in source.own_groups:
         shape = _shape(group)
@@ -78,44 +76,40 @@ def rapid_targets(source: Source) -> ProgramTargets:
         kind_of_data = "" if declaration is None else declaration[1].lower()
         if shape is None or kind_of_data in ("tooldata", "wobjdata"):
             continue
-        line, what = source.line(group.start), source.literal(group.start, group.end)
-        name, element, reason = declaration[2] if declaration else inline.get(group.start, ""), "", ""
+        name, element, wrong = declaration[2] if declaration else inline.get(group.start, ""), "", ""
         if shape not in _SHAPES:
             if group.parent is None and kind_of_data in _HELD and declaration and not declaration[3]:
-                left.append(SkippedLiteral(line, name, "its parts are not all plain numbers"))
+                reading.leave(group.start, group.end, "its parts are not all plain numbers")
             continue
         if declaration is None and group.start not in inline:
             assigned = _ASSIGNED.search(source.before(group.start))
             name = assigned[1] if assigned and group.parent is None else ""
-            reason = "" if name else "an argument or part of an expression"
+            wrong = "" if name else "an argument or part of an expression"
         elif declaration is not None and kind_of_data not in _HELD:
-            reason = f"part of a {declaration[1]}"
+            wrong = f"part of a {declaration[1]}"
         elif declaration is not None and declaration[3]:
             counts[name] = counts.get(name, 0) + 1
             element = str(counts[name])
-        numbers = source.numbers(group.children[0].items + (group.children[1].items if len(shape) == 4 else []))
-        if reason or isinstance(numbers, str):
-            left.append(SkippedLiteral(line, name or what, reason or str(numbers)))
+        if wrong:
+            reading.leave(group.start, group.end, wrong)
             continue
-        kind = _SHAPES[shape]
-        shown = f"{name}{{{element}}}" if element else name
-        configuration = _configuration(source, group.children[2]) if kind == "pose" else NO_CONFIGURATION
-        target = ProgramTarget(shown, line, kind, numbers, group.start, configuration=configuration)  # type: ignore[arg-type]
-        variable = "" if group.start in inline else name.lower()
-        reason = frames.replaced.get(variable, "")
-        literals.append(Literal(target, variable, element, reason=reason, is_kept=kind == "joints"))
+        is_pose = _SHAPES[shape] == "pose"
         external = ["".join(source.code[a:b].split()) for a, b in group.children[-1].items]
-        if not all(NUMBER.fullmatch(each) and not 0.0 < abs(float(each)) < _UNUSED_AXIS for each in external):
-            outside.append(line)
+        still = all(NUMBER.fullmatch(each) and not 0.0 < abs(float(each)) < _UNUSED_AXIS for each in external)
+        reading.take(
+            Literal(
+                f"{name}{{{element}}}" if element else name, group.start, group.end, _SHAPES[shape],
+                group.children[0].items + (group.children[1].items if is_pose else []), name.lower(), element,
+                _configuration(source, group.children[2]) if is_pose else NO_CONFIGURATION,
+                reason=frames.replaced.get(name.lower(), ""), is_kept=not is_pose, moves_external=not still,
+            )
+        )  # fmt: skip
     unknown = (Frames(NamedFrame(f"the {what} (the program has no move)", None)) for what in ("tool", "work object"))
-    targets, without = settled(literals, visits, list(_structure(source)), *unknown, acts=bool(visits), top_first=False)
-    displaced = _DISPLACED.search(source.code)
-    notes: tuple[str, ...] = ()
+    displaced, notes = _DISPLACED.search(source.code), []
     if displaced is not None:
         where = source.at_line(displaced.start())
-        notes = (f"{displaced[1]} in {where} displaces targets: they are corrected where they stand without it",)
-    notes = (*notes, *external_axes(outside))
-    return ProgramTargets(targets, tuple(sorted([*left, *without], key=lambda each: each.line)), notes)
+        notes = [f"{displaced[1]} in {where} displaces targets: they are corrected where they stand without it"]
+    return reading.result(list(_structure(source)), *unknown, acts=bool(visits), top_first=False, notes=notes)
 
 
 def _shape(group: Group) -> tuple[int, ...] | None:
@@ -138,7 +132,7 @@ class _Frames:
         self.replaced: dict[str, str] = {}  # reasons why variables are left whose value is not made of the old one
         changed = self._read_assignments()
         self._known: dict[str, NamedFrame | str] = {name: NamedFrame(name, np.eye(4)) for name in ("tool0", "wobj0")}
-        self.definitions: list[SkippedLiteral] = []
+        self.definitions: list[tuple[str, Group]] = []
         for group in source.groups:
             declaration = self.declaration_of(group) if group.parent is None and group.bracket == "[" else None
             kind = "" if declaration is None else declaration[1].lower()
@@ -149,9 +143,7 @@ class _Frames:
             frame = value if isinstance(value, str) else NamedFrame(name, None if name.lower() in changed else value)
             known = self._known.setdefault(name.lower(), frame)
             self._known[name.lower()] = frame if known == frame else NamedFrame(name, None)
-            if group.start < source.own_end:
-                role = "the definition of a tool" if kind == "tooldata" else "the definition of a work object"
-                self.definitions.append(SkippedLiteral(source.line(group.start), name, role))
+            self.definitions += [(name, group)] if group.start < source.own_end else []
 
     def named(self, name: str) -> NamedFrame | str:
         """Tool or work object of a name, or why its targets are left."""

@@ -23,6 +23,7 @@ from calib.errors import CalibError
 from calib.rendering import numbers
 
 NUMBER = re.compile(r"[+-]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+Kind = Literal["joints", "pose"]
 LARGEST = 1e7  # mm, m, rad or deg: no coordinate and no joint value of any arm is beyond
 _WRAPPED = re.compile(rf"\s*(?:([A-Za-z]\w*)\s*\(\s*)?({NUMBER.pattern})\s*(\))?\s*")
 _BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, read as Latin-1
@@ -54,6 +55,11 @@ class NamedFrame:
 
     name: str  # as the program calls it
     transform: Array | None  # (4, 4) mm; None where the program's files do not define it
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a user has to give it."""
+        return self.transform is None
 
     def _key(self) -> tuple[str, bytes]:
         return self.name.lower(), b"" if self.transform is None else self.transform.tobytes()
@@ -96,7 +102,7 @@ class ProgramTarget:
 
     name: str  # variable that holds it, or the instruction in which it stands
     line: int  # from 1
-    kind: Literal["joints", "pose"]
+    kind: Kind
     numbers: tuple[Number, ...]  # six joint values, or a position and an orientation in the maker's form
     place: int = 0  # of the literal, characters from the start of the text
     tool: NamedFrame | None = None  # flange_T_tool; None for joints
@@ -146,10 +152,6 @@ class Group:
         """Start and end of what stands between the commas."""
         edges = [self.start, *self.commas, self.end - 1]
         return [(a + 1, b) for a, b in pairwise(edges)]
-
-    def index_of(self, place: int) -> int:
-        """Index of the item at a place in the text."""
-        return bisect_right(self.commas, place)
 
 
 @dataclass(frozen=True)
@@ -288,13 +290,6 @@ class Source:
         """Name in front of an opening bracket; "" where there is none."""
         found = re.search(r"[A-Za-z_$][\w$]*$", self.before(group.start))
         return found[0] if found else ""
-
-    def is_item(self, start: int, end: int, group: Group) -> bool:
-        """Whether a span is a whole item between the commas of a group."""
-        k = group.index_of(start)
-        first = group.commas[k - 1] if k else group.start
-        last = group.commas[k] if k < len(group.commas) else group.end - 1
-        return self.code[first + 1 : last].strip() == self.code[start:end].strip()
 
     def numbers(
         self, spans: Sequence[tuple[int, int]], units: Mapping[str, float] = MappingProxyType({})

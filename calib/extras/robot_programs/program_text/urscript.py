@@ -17,14 +17,12 @@ from typing import Never
 import numpy as np
 
 from calib.extras.robot_programs.program_text.flow import FlowEvent
-from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Visit, settled
+from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Reading, Visit
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.source import (
     Group,
     NamedFrame,
-    ProgramTarget,
     ProgramTargets,
-    SkippedLiteral,
     Source,
     Word,
 )
@@ -35,6 +33,7 @@ _INVERSE = ("get_inverse_kin", "get_inverse_kin_has_solution")
 _GOES = _MOTIONS | dict.fromkeys((*_INVERSE, "get_forward_kin"), 1)
 """Functions, and how many of their first arguments are targets."""
 _JOINT_MOTIONS = {"movej", "servoj", *_INVERSE}
+_JUMPS = {"speedj", "freedrive_mode", "teach_mode"}  # which leave the arm in any posture
 _KEYWORDS = {"q", "x", "pose", "pose_to", "pose_via"}
 _NEAR, _TCP = "qnear", "set_tcp"
 _PLAIN = {"d2r", "pose_trans", _TCP}  # calls in a list of points
@@ -86,24 +85,6 @@ class _Program:
     def targets(self) -> ProgramTargets:
         """Targets with their frames, and what else looks like one."""
         source = self._source
-        literals: list[Literal] = []
-        left: list[SkippedLiteral] = []
-        own = [(function, "", aim) for function, aim in self._aims.values()]
-        seen: set[int] = set()
-        for name, element, aim in (*own, *self._held()):
-            if aim.group is None or aim.group.start >= source.own_end:
-                continue
-            seen.add(aim.group.start)
-            found = self._literal(name, element, aim)
-            if isinstance(found, Literal):
-                literals.append(found)
-            else:
-                left.append(found)
-        for group in source.own_groups:
-            start = self._start(group)
-            if start is not None and group.start not in seen:
-                left.append(SkippedLiteral(source.line(start), source.literal(start, group.end), self._role(group)))
-        literals.sort(key=lambda each: each.target.place)
         visits = [
             Visit(
                 aim.place, "" if aim.group else aim.variable, aim.element, near=aim.near,
@@ -111,11 +92,19 @@ class _Program:
             )
             for function, aim in self._aims.values()
         ]  # fmt: skip
+        reading = Reading(source, visits, _UNITS)
+        seen: set[int] = set()
+        for name, element, aim in (*((function, "", aim) for function, aim in self._aims.values()), *self._held()):
+            if aim.group is not None and aim.group.start < source.own_end:
+                seen.add(aim.group.start)
+                reading.take(self._literal(name, element, aim, aim.group))
+        for group in source.own_groups:
+            start = self._start(group)
+            if start is not None and group.start not in seen:
+                function = source.function_of(group.parent) if group.parent and group.parent.bracket == "(" else ""
+                reading.leave(start, group.end, f"an argument of {function}" if function else "part of an expression")
         tools = Frames(NamedFrame("the controller's own TCP (no set_tcp before it)", None), list(self._tools()))
-        targets, without = settled(
-            literals, visits, self._structure, tools, Frames(_BASE), acts=self._acts, top_first=True
-        )
-        return ProgramTargets(targets, tuple(sorted([*left, *without], key=lambda each: each.line)))
+        return reading.result(self._structure, tools, Frames(_BASE), acts=self._acts, top_first=True)
 
     def _start(self, group: Group) -> int | None:
         """Place at which a list or pose of six begins; None for anything else."""
@@ -157,6 +146,8 @@ class _Program:
     def _read_motion(self, group: Group) -> None:
         """Keep what a call goes to, where it is a motion's, or asks for joints there."""
         function = self._source.function_of(group) if group.bracket == "(" else ""
+        if function in _JUMPS:
+            self._aims[group.start] = "movej", _Aim(group.start)
         for k, item in enumerate(group.items if function in _GOES else []):
             keyword, aim = self._argument(*item)
             if keyword in _KEYWORDS or (not keyword and k < _GOES[function]):
@@ -182,31 +173,19 @@ class _Program:
         end = self._source.line_end(place if group is None else group.end)
         return self._aim(start.end(), start.end() + len(self._code[start.end() : end].rstrip("; \t\r\n")))
 
-    def _literal(self, name: str, element: str, aim: _Aim) -> Literal | SkippedLiteral:
-        """Target of a literal."""
-        source, group = self._source, aim.group
-        assert group is not None
-        line = source.line(aim.place)
-        numbers = source.numbers(group.items, _UNITS)
-        if isinstance(numbers, str):
-            return SkippedLiteral(line, source.literal(aim.place, group.end), numbers)
-        variable = "" if aim.place in self._aims else name
+    def _literal(self, name: str, element: str, aim: _Aim, group: Group) -> Literal:
+        """Target of a literal that a variable holds or a motion has."""
         near = aim.near or (self._joints_of(name.removesuffix("_p") + "_q") if name.endswith("_p") else ())
-        shown = f"{name}[{element}]" if element else name
-        target = ProgramTarget(shown, line, "pose" if aim.is_pose else "joints", numbers, aim.place, near=near)
-        frame = _BASE if aim.frame is None else self._frame(*aim.frame)
-        reason = frame if isinstance(frame, str) else ""
-        if variable in self._changed:
-            reason = f"{source.at_line(self._changed[variable])} sets one of its numbers anew"
-        elif variable in self._parameters:
+        work = _BASE if aim.frame is None else self._frame(*aim.frame)
+        reason = work if isinstance(work, str) else ""
+        if name in self._changed:
+            reason = f"{self._source.at_line(self._changed[name])} sets one of its numbers anew"
+        elif name in self._parameters:
             reason = "a function of the program has a parameter of its name"
-        return Literal(target, variable, element, work=None if isinstance(frame, str) else frame, reason=reason)
-
-    def _role(self, group: Group) -> str:
-        """Reason why a list of six is no target."""
-        parent = group.parent
-        function = self._source.function_of(parent) if parent is not None and parent.bracket == "(" else ""
-        return f"an argument of {function}" if function else "part of an expression"
+        return Literal(
+            f"{name}[{element}]" if element else name, aim.place, group.end, "pose" if aim.is_pose else "joints",
+            group.items, name, element, near=near, work=None if isinstance(work, str) else work, reason=reason,
+        )  # fmt: skip
 
     def _frame(self, start: int, end: int) -> NamedFrame | str:
         """Frame that the first argument of a `pose_trans` is, or why the pose behind it is left."""
