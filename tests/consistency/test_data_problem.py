@@ -217,7 +217,6 @@ def test_points_find_the_joints_that_reach_them(count: int) -> None:
 @pytest.mark.parametrize("share", [0.1, 0.33])
 def test_bad_rows_turn_no_joint_and_no_unit(share: float) -> None:
     dataset, rng = simulated("rb5"), np.random.default_rng(0)
-    assert dataset.points is not None
     bad = rng.choice(len(dataset.points), round(share * len(dataset.points)), replace=False)
     for wrong in (rng.normal(0.0, 30.0, (len(bad), 3)), 0.05 * dataset.points.xyz_mm[bad]):
         xyz_mm = dataset.points.xyz_mm.copy()

@@ -111,7 +111,6 @@ def test_single_wrong_points_are_outliers() -> None:
 def test_two_swapped_measurements_are_told_as_swapped() -> None:
     dataset = simulated(seed=2)
     dataset = dataset.with_new_setups([dataset.poses.ids[45]])  # with one alone the rows are held against the joints
-    assert dataset.points is not None
     one, other = (int(i) for i in np.flatnonzero(~dataset.poses.is_test)[[9, 30]])
     row = np.arange(len(dataset.points))
     row[[one, other]] = other, one

@@ -22,7 +22,6 @@ def with_blunders(
     clean = replace(clean, scanner=Scanner(point_sigma_mm=sigma_mm))
     rows = np.flatnonzero(~clean.poses.is_test)[[12, 30]]
     points = clean.points
-    assert points is not None
     xyz_mm = points.xyz_mm.copy()
     xyz_mm[rows] += [[6.0, -8.0, 5.0], [0.0, 9.0, 0.0]]
     return clean, clean.with_points(replace(points, xyz_mm=xyz_mm)), {clean.poses.ids[k] for k in rows}
