@@ -9,7 +9,7 @@ import pytest
 
 from calib import calibrate, load_dataset
 from calib.errors import DatasetError
-from inspector.cli.parser import main
+from tests.support.commands import printed
 from tests.support.scenarios.shop import LIMITS_DEG, above_table, in_sockets
 
 
@@ -18,7 +18,7 @@ def _visited(folder, seed, postures):
     shop = in_sockets(seed, postures=postures, seat_mm=0.05)
     shop.write(folder / "files")
     words = ["import", str(folder / "cell"), "--from", str(folder / "files")]
-    assert main([*words, "--sigma", "0.05", "--place-sigma", "0.1"]) == 0
+    printed(*words, "--sigma", "0.05", "--place-sigma", "0.1")
     return shop.arm, load_dataset(folder / "cell")
 
 

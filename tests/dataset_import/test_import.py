@@ -17,7 +17,7 @@ from calib.dataset_import.columns import parsed_mapping, recognise
 from calib.dataset_import.import_dataset import Imported, import_dataset
 from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
-from inspector.cli.parser import main
+from tests.support.commands import printed
 
 ROBOT = builtin_robot("rb5")
 Q = [f"q{k}" for k in range(1, 7)]
@@ -135,7 +135,7 @@ def test_lengths_of_wires_and_signals_are_taken(truth: Dataset, tmp_path: Path) 
     lines = [f"{name},east,{length!r}" for name, length in zip(names, lengths_m.tolist(), strict=True)]
     (tmp_path / "wires.csv").write_text("\n".join(["pose,anchor,length_m", *lines]) + "\n")
     asked = ["--joints", str(tmp_path / "joints.csv"), "--points", str(tmp_path / "wires.csv"), "--sigma", "0.05"]
-    assert main(["import", str(tmp_path / "cell"), "--robot", "rb5", *asked]) == 0
+    printed("import", tmp_path / "cell", "--robot", "rb5", *asked)
     dataset = load_dataset(tmp_path / "cell")
     np.testing.assert_allclose(dataset.points.lengths.length_mm, 1e3 * lengths_m)
     assert set(dataset.points.lengths.anchor) == {"east"}

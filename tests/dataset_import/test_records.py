@@ -19,7 +19,7 @@ from calib.dataset_import.user_files import BOTH, JOINTS, POINTS, UNUSED, look_t
 from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
 from calib.text_files.user_table import load_table
-from inspector.cli.parser import main
+from tests.support.commands import printed
 
 ROBOT = builtin_robot("rb5")
 JOINT_NAMES = [f"Achse {k} [°]" for k in range(1, 7)]
@@ -92,7 +92,7 @@ def test_json_records_with_lists_of_joints_are_imported(point: str, truth: Datas
     path = tmp_path / "poses.json"
     path.write_text(json.dumps({"robot": "arm", "poses": records}))
     assert [file.kind for file in look_through(tmp_path).files] == [BOTH]
-    assert main(["import", str(tmp_path / "made"), "--robot", "rb5", "--joints", str(path)]) == 0
+    printed("import", tmp_path / "made", "--robot", "rb5", "--joints", path)
     assert is_same(import_dataset(tmp_path / "again", ROBOT, path).dataset, truth)
 
 

@@ -36,7 +36,7 @@ def points_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def scans_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scans") / "cell"
-    assert main(["simulate", str(folder), "--robot", "rb5", "--poses", "4", "--scans", "--seed", "5"]) == 0
+    printed("simulate", folder, "--robot", "rb5", "--poses", "4", "--scans", "--seed", "5")
     return folder
 
 
@@ -186,7 +186,7 @@ def test_one_point_for_all_poses_is_no_calibration_and_is_not_written(own_points
     out = tmp_path / "robot.toml"
     assert "does not describe" in refused("calibrate", own_points, "--out", out)
     assert not out.exists()
-    assert main(["calibrate", str(own_points), "--out", str(out), "--force"]) == 0
+    printed("calibrate", own_points, "--out", out, "--force")
     assert out.exists()
     assert not answered("check", own_points, code=1)["passed"]
 
@@ -311,7 +311,7 @@ def test_simulated_scans_tell_how_noisy_they_are(
     tmp_path: Path, arguments: list[str], told: tuple[float | None, ...]
 ) -> None:
     folder = tmp_path / "cell"
-    assert main(["simulate", str(folder), "--robot", "rb5", "--poses", "2", "--scans", *arguments]) == 0
+    printed("simulate", folder, "--robot", "rb5", "--poses", "2", "--scans", *arguments)
     scanner = load_dataset(folder).scanner
     assert (scanner.scan_sigma_mm, scanner.correlated_sigma_mm, scanner.correlation_length_mm) == told
     hidden = json.loads((folder / "truth.json").read_text())["scanner_errors"]
@@ -427,7 +427,7 @@ def test_wrong_usage_is_one_line_too(capsys: pytest.CaptureFixture[str], argumen
 def hidden_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("hidden") / "cell"
     arguments = ["--robot", "rb5", "--poses", "64", "--seed", "21", "--effect", "transmission_error"]
-    assert main(["simulate", str(folder), *arguments]) == 0
+    printed("simulate", folder, *arguments)
     return folder
 
 

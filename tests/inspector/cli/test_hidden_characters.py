@@ -16,7 +16,7 @@ from calib.plugins import contributions
 from calib.robot_formats.target_form import TargetForm
 from inspector.cli.parser import main
 from inspector.export.plan_files import planned_file
-from tests.support.commands import refused
+from tests.support.commands import printed, refused
 from tests.support.fleet import ENOUGH, write_cell
 from tests.support.robot_texts import UR_YAML
 
@@ -65,9 +65,9 @@ def test_a_terminal_shows_what_is_hidden(
 def test_files_that_are_written_show_it_too(cell: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    assert main(["report", str(cell), "--out", str(out / "report.html")]) == 0
+    printed("report", cell, "--out", out / "report.html")
     outputs = ["--out", str(out / "robot.toml"), "--model-out", str(out / "model.json"), "--force"]
-    assert main(["calibrate", str(cell), *outputs]) == 0
+    printed("calibrate", cell, *outputs)
     planned = plan_poses(start_of_dataset(load_dataset(cell), FitOptions()), 8, candidates=60)
     for suffix in (".csv", *(form.suffixes[0] for form in contributions(TargetForm))):
         (out / f"plan{suffix}").write_text(planned_file(out / f"plan{suffix}", planned), "utf-8")

@@ -12,7 +12,6 @@ import pytest
 
 import calib
 from calib.dataset.files.folder import load_dataset, write_dataset
-from inspector.cli.parser import main
 from tests.support.checked_cell import measured_twice
 from tests.support.commands import answered, printed, refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
@@ -26,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def model(folder: Path) -> Path:
     path = folder.parent / "new" / "model.json"
-    assert main(["calibrate", str(folder), "--add", HIDDEN, "--model-out", str(path)]) == 0
+    printed("calibrate", folder, "--add", HIDDEN, "--model-out", path)
     return path
 
 
@@ -59,7 +58,7 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
 @pytest.mark.slow
 def test_targets_lack_what_the_model_depends_on(folder: Path, tmp_path: Path) -> None:
     model, targets = tmp_path / "m.json", tmp_path / "targets.csv"
-    assert main(["calibrate", str(folder), "--effect", "thermal_growth", "--model-out", str(model)]) == 0
+    printed("calibrate", folder, "--effect", "thermal_growth", "--model-out", model)
     pd.read_csv(folder / "poses.csv").drop(columns="temperature_c").to_csv(targets, index=False)
     line = refused("correct", folder, "--model", model, "--joints", targets, "--out", tmp_path / "c.csv")
     assert "missing column temperature_c" in line
@@ -108,7 +107,7 @@ def test_no_model_is_written_for_a_fit_that_is_no_improvement(folder: Path, tmp_
     write_dataset(dataset.with_points(replace(points, xyz_mm=xyz_mm)), spoiled)
     assert "got worse" in refused("calibrate", spoiled, "--model-out", out)
     assert not out.exists()
-    assert main(["calibrate", str(spoiled), "--model-out", str(out), "--force"]) == 0
+    printed("calibrate", spoiled, "--model-out", out, "--force")
     assert calib.load_model(out).after.test == calib.calibrate(load_dataset(spoiled)).after.test
 
 

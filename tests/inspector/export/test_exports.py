@@ -29,7 +29,6 @@ from calib.robot_formats.robots import load_robot, save_robot
 from calib.simulation.simulate import simulate_dataset
 from calib.statistics import rms
 from inspector.app.app import App
-from inspector.cli.parser import main
 from inspector.export import csv_and_png as exports
 from inspector.export.glb_scene import PREDICTED, scene_glb
 from inspector.panels.downloads import ITEMS, OWN_FILE, REPORT_PDF, SCREENSHOT
@@ -40,7 +39,7 @@ from inspector.session.reopening import dataset_of, opening
 from inspector.session.session_file import load_session
 from tests.support.app import idle, idle_app
 from tests.support.browser import colours_in, need_chromium, node_drawn, open_page
-from tests.support.commands import answered, refused
+from tests.support.commands import answered, printed, refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
 from tests.support.wire_client import WireClient
@@ -321,7 +320,7 @@ def test_a_urdf_comes_back_as_a_urdf(tmp_path: Path) -> None:
     made = simulate_dataset(load_robot(urdf), rng=2, poses=40, noise_mm=0.02).dataset
     rows = np.hstack([made.poses.q, 1e-3 * made.points.xyz_mm])
     np.savetxt(log, rows, delimiter=",", header="q1,q2,q3,q4,q5,q6,x,y,z", comments="")
-    assert main(["import", str(tmp_path / "cell"), "--robot", str(urdf), "--joints", str(log)]) == 0
+    printed("import", tmp_path / "cell", "--robot", urdf, "--joints", log)
     with idle_app(tmp_path / "cell") as app, WireClient(app.server.get_port()) as page:
         page.click(OWN_FILE)
         page.wait(lambda p: p.downloads, 30.0)

@@ -10,11 +10,10 @@ from pathlib import Path
 import pytest
 
 from calib.errors import CalibError
-from inspector.cli.parser import main
 from inspector.report.pdf import is_report_pdf, pdf_of
 from inspector.report.report import is_report
 from tests.support.browser import need_chromium
-from tests.support.commands import refused
+from tests.support.commands import printed, refused
 from tests.support.hidden_dataset import write_hidden
 
 PAGE = "<!DOCTYPE html><meta charset=utf-8><title>t</title><p style='break-after:page'>one<p>two"
@@ -38,7 +37,7 @@ def program(path: Path, script: str) -> Path:
 def test_both_files_are_written_and_the_pdf_has_pages_of_a4(tmp_path: Path) -> None:
     need_chromium()
     page, pdf = tmp_path / "report.html", tmp_path / "report.pdf"
-    assert main(["report", str(write_hidden(tmp_path)), "--out", str(page), "--pdf", str(pdf)]) == 0
+    printed("report", write_hidden(tmp_path), "--out", page, "--pdf", pdf)
     content = pdf.read_bytes()
     assert content.startswith(b"%PDF")
     assert len(re.findall(rb"/Type\s*/Page\b", content)) >= 3

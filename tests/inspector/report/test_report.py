@@ -28,7 +28,7 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from tests.support import ROOT
 from tests.support.arms import dataset_of, jang_arm
-from tests.support.commands import answered
+from tests.support.commands import answered, printed
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
 
@@ -53,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def written(folder: Path) -> Path:
     out = folder / "new" / "report.html"
-    assert main(["report", str(folder / "hostile"), "--out", str(out)]) == 0
+    printed("report", folder / "hostile", "--out", out)
     return out
 
 
@@ -158,7 +158,7 @@ def test_no_path_of_this_machine_is_told(written: Path, folder: Path) -> None:
 @pytest.mark.parametrize("name", ["rb5_repeats", "hidden_effect_b"])
 @pytest.mark.thorough
 def test_it_is_small_enough_to_send(name: str, tmp_path: Path) -> None:
-    assert main(["report", str(ROOT / "sample_data" / name), "--out", str(tmp_path / "r.html")]) == 0
+    printed("report", ROOT / "sample_data" / name, "--out", tmp_path / "r.html")
     assert (tmp_path / "r.html").stat().st_size < 2_000_000
 
 
@@ -177,7 +177,7 @@ def test_data_without_test_poses_or_declared_noise_make_a_report_too(folder: Pat
     bare = replace(dataset, scanner=Scanner(), poses=replace(dataset.poses, role=role))
     write_dataset(bare, tmp_path / "bare")
     out = tmp_path / "report.html"
-    assert main(["report", str(tmp_path / "bare"), "--out", str(out)]) == 0
+    printed("report", tmp_path / "bare", "--out", out)
     words = plain(out.read_text())
     assert "not declared" in words
     assert "nothing confirms it" in words
@@ -208,7 +208,7 @@ def test_data_of_a_tracker_do_not_speak_of_scans_and_corners(tmp_path: Path) -> 
     tracked = replace(dataset_of(robot, robot, rng, poses=30, test=8), jig_is_declared=False, name="tracked")
     write_dataset(tracked, tmp_path / "tracked")
     out = tmp_path / "report.html"
-    assert main(["report", str(tmp_path / "tracked"), "--out", str(out)]) == 0
+    printed("report", tmp_path / "tracked", "--out", out)
     words = plain(out.read_text())
     assert not re.search(r"\b(scans?|corners?)\b", words)
     assert "instrument's place" in words

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from inspector.cli.parser import main
 from inspector.cli.robots import sample_command
 from tests.support.commands import answered, printed, refused
 
@@ -53,7 +52,7 @@ def test_a_checkout_lists_all_of_sample_data():
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_sample_is_written_as_it_is(name: str, here: Path):
-    assert main(["sample", name]) == 0
+    printed("sample", name)
     assert content(here) == {f"{name}/{file}": text for file, text in content(SAMPLE_DATA / name).items()}
 
 
@@ -69,7 +68,7 @@ def test_out_names_another_folder_whose_parents_are_made(here: Path):
 def test_an_installation_has_what_its_record_names(installed: Path, here: Path):
     assert [line.split()[0] for line in printed("sample").splitlines()] == ["hidden_effect_b"]
     (installed / "share/robot-calibration-inspector/sample_data/hidden_effect_b").chmod(0o555)  # as of another user
-    assert main(["sample", "hidden_effect_b"]) == 0
+    printed("sample", "hidden_effect_b")
     assert content(here / "hidden_effect_b") == content(SAMPLE_DATA / "hidden_effect_b")
     (here / "hidden_effect_b" / "more").touch()
 
