@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from calib.dataset_import.columns import parsed_mapping, recognise
 from calib.dataset_import.import_dataset import Imported, import_dataset
 from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
-from tests.support.commands import printed
+from tests.support.commands import answered, printed
 
 ROBOT = builtin_robot("rb5")
 Q = [f"q{k}" for k in range(1, 7)]
@@ -208,17 +207,13 @@ def test_all_faults_are_told_at_once_and_nothing_is_written(truth: Dataset, tmp_
     assert "joints.csv: line 6: pose 'p3' stands in line 5 too" in said
 
 
-def test_names_are_found_by_their_values_and_nests_belong_to_no_pose(
-    truth: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_names_are_found_by_their_values_and_nests_belong_to_no_pose(truth: Dataset, tmp_path: Path) -> None:
     ids, number = [f"PT{i:03d}" for i in range(32)], np.arange(32.0)[:, None]
     joints = write(tmp_path / "joints.csv", ["Waypoint", *Q], truth.poses.q, first=ids)
     xyz = np.vstack([truth.points.xyz_mm[:20], [[3889.9, -160.1, 74.6]], truth.points.xyz_mm[20:]])
     named = [*ids[:20], "NEST1", *ids[20:]]
     points = write(tmp_path / "points.csv", ["Point Name", "X (mm)", "Y (mm)", "Z (mm)"], xyz, first=named)
-    asked = ["--joints", str(joints), "--points", str(points), "--robot", "rb5", "--json"]
-    assert main(["import", str(tmp_path / "cell"), *asked]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered("import", tmp_path / "cell", "--joints", joints, "--points", points, "--robot", "rb5")
     why = "its name is no pose of joints.csv"
     assert document["left_out"] == [{"file": "points.csv", "row": 22, "name": "NEST1", "why": why}]
     assert any(note.endswith("1 point belongs to no pose and is left out: NEST1") for note in document["recognised"])
