@@ -22,6 +22,7 @@ from calib.extras.logs.series import BAGS, JointSeries, PointSeries, Recording, 
 
 _READER = "calib.extras.logs.bag_process:read"
 _LIMITS = ProcessLimits(seconds=900.0, memory_bytes=4 * 1024**3, answer_bytes=1024**3)
+_MOST_RAD = 4.0 * np.pi  # that a joint turns
 LEAST_SPREAD = 1e-3  # of the largest extent, in a second direction, of a point that an arm moves
 
 
@@ -97,7 +98,9 @@ def _joints(topic: str, sets: list[tuple[tuple[str, ...], Array]]) -> JointSerie
                 columns[name] = np.interp(time_s, rows[:, 0], rows[:, k], left=np.nan, right=np.nan)
     joints = {name: values for name, values in columns.items() if f"effort {name}" in columns}
     efforts = {n: v for n, v in columns.items() if n not in joints and np.isfinite(v).any() and np.ptp(v) > 0.0}
-    return JointSeries(topic, time_s, tuple(joints), np.column_stack(list(joints.values())), "rad", efforts)
+    values = np.column_stack(list(joints.values()))
+    unit = "rad" if np.nanmax(np.abs(values), initial=0.0) <= _MOST_RAD else ""  # some drivers write degrees
+    return JointSeries(topic, time_s, tuple(joints), values, unit, efforts)
 
 
 def _points(answer: Mapping[str, Any]) -> PointSeries:

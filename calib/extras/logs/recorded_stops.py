@@ -239,7 +239,10 @@ class _StoppedArm:
 
     @cached_property
     def sides(self) -> Array:
-        """Direction (K, n) from which each joint came to each phase, 1 or -1; 0 where it had not moved before."""
+        """Direction (K, n) from which each joint came to each phase, 1 or -1; 0 where it had not moved before.
+
+        A joint that always comes from one side came so to the first phase, too.
+        """
         values = self.series.values
         per_rad = {"rad": 1.0, "deg": 1.0 / ANGLES_RAD["deg"]}
         least = np.array([
@@ -247,7 +250,9 @@ class _StoppedArm:
             for column, whole in zip(self.columns, np.ptp(values, axis=0), strict=True)
         ])  # fmt: skip
         medians = zip(self.rest.phases, self._of_phases(values, np.median), strict=True)
-        return np.array([approach_of(values, phase, median, least) for phase, median in medians])
+        sides = np.array([approach_of(values, phase, median, least) for phase, median in medians])
+        only = np.where((np.abs(sides.sum(axis=0)) == np.abs(sides).sum(axis=0)), np.sign(sides.sum(axis=0)), 0.0)
+        return np.where(sides == 0.0, only, sides)
 
     def _of_phases(self, values: Array, mean: Callable[..., Array]) -> list[Array]:
         return [mean(values[phase.first : phase.last + 1], axis=0) for phase in self.rest.phases]

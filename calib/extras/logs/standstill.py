@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
 from calib.array_types import Array, BoolArray
 from calib.extras.logs.series import RecordingError
@@ -24,6 +24,9 @@ _MOST_STILL = 0.01  # of a joint's whole range in a window, above which nothing 
 _MOVES = 20.0  # ranges in a window that a joint's whole range has at least, where it moves
 _APART = 5.0  # ratio of the ranges in motion and at rest
 _EDGE_SIGMAS = 4.0  # from a phase's median, within which its ends have to be
+_CALM_SIGMAS = 3.0  # by which smoothed joints may wander in one stop
+_CALM_STEPS = 1.5  # the same of a rounded log, in units of its last digit
+_MOST_TRIED = 1000  # places of a phase at which a stop may begin
 _LEAST_RANGE = 1e-6  # of a joint's whole range, its noise at least
 _STEP_SIGMA = 0.29  # of a rounded number, standard deviation in units of its last digit
 _GAP = 20.0  # time steps without a sample that end a phase
@@ -80,9 +83,13 @@ def standstill_of(source: str, time_s: Array, values: Array) -> Standstill:
     if float(np.median(motion)) < _APART * float(np.median(rest)):
         raise RecordingError(found_none)
     spans = _spans(share <= threshold, time_s, _GAP * step_s)
-    noise = np.maximum(_noise(values, spans), _LEAST_RANGE * np.maximum(whole, 1e-300))
-    noise = np.maximum(noise, _STEP_SIGMA * _least_step(values))
-    found = [trimmed(values, phase, noise) for phase in _joined(values, spans, noise)]
+    least_step = _least_step(values)
+    jitter = _noise(np.diff(values, axis=0), spans) / np.sqrt(2.0)  # whatever places a span holds
+    calm = np.maximum(_FLOOR * whole, np.maximum(_CALM_SIGMAS * jitter, _CALM_STEPS * least_step))
+    parts = [part for span in spans for part in _parted(values, span, calm, width, step_s)]
+    noise = np.maximum(_noise(values, parts), _LEAST_RANGE * np.maximum(whole, 1e-300))
+    noise = np.maximum(noise, _STEP_SIGMA * least_step)
+    found = [trimmed(values, phase, noise) for phase in _joined(values, parts, noise, calm)]
     long = [each for each in found if each is not None and _is_long(each, time_s)]
     if not long:
         raise RecordingError(found_none)
@@ -115,7 +122,7 @@ def _spans(still: BoolArray, time_s: Array, gap_s: float) -> list[Phase]:
 
 def _noise(values: Array, spans: list[Phase]) -> Array:
     """Noise (n,) of the joints at rest: the median over the phases of their standard deviation by the median."""
-    each = [_spread(values[span.first : span.last + 1]) for span in spans if span.last - span.first >= LEAST_SAMPLES]
+    each = [mad_sigmas(values[span.first : span.last + 1]) for span in spans if span.last - span.first >= LEAST_SAMPLES]
     return np.median(each, axis=0) if each else np.zeros(values.shape[1])
 
 
@@ -126,11 +133,7 @@ def _least_step(values: Array) -> Array:
     return np.where(np.isfinite(least), least, 0.0)
 
 
-def _spread(values: Array) -> Array:
-    return mad_sigmas(values)
-
-
-def _joined(values: Array, spans: list[Phase], noise: Array) -> list[Phase]:
+def _joined(values: Array, spans: list[Phase], noise: Array, calm: Array) -> list[Phase]:
     """Spans at the same place without a motion between them, as a dropout makes them, as one."""
     out: list[Phase] = []
     for span in spans:
@@ -138,11 +141,41 @@ def _joined(values: Array, spans: list[Phase], noise: Array) -> list[Phase]:
             before = out[-1]
             between = values[before.last : span.first + 1]
             middle = np.median(values[before.first : before.last + 1], axis=0)
-            if np.all(np.abs(between - middle) <= 3.0 * _EDGE_SIGMAS * noise):
+            off = np.median(values[span.first : span.last + 1], axis=0) - middle
+            if np.all(np.abs(between - middle) <= 3.0 * _EDGE_SIGMAS * noise) and np.all(np.abs(off) <= calm):
                 out[-1] = Phase(before.first, span.last)
                 continue
         out.append(span)
     return out
+
+
+def _parted(values: Array, phase: Phase, calm: Array, width: int, step_s: float) -> list[Phase]:
+    """Stops within a phase that small moves part: where smoothed joints stay within `calm` (n,); itself for one.
+
+    The longest such span is taken first, then those before and behind it.
+    """
+    inside = uniform_filter1d(values[phase.first : phase.last + 1], width, axis=0)
+    stride = max(1, width // 4, len(inside) // _MOST_TRIED)
+    places = inside[::stride]
+    least = max(2, round(LEAST_S / step_s / stride))
+
+    def stops(begin: int, end: int) -> list[tuple[int, int]]:
+        best = (begin, begin)
+        for first in range(begin, end - least):
+            rest = places[first:end]
+            away = np.maximum.accumulate(rest) - np.minimum.accumulate(rest) > calm
+            last = end if not away.any() else first + int(np.argmax(away.any(axis=1)))
+            best = max(best, (first, last), key=lambda span: span[1] - span[0])
+            if last == end:
+                break
+        if best[1] - best[0] < least:
+            return []
+        return [*stops(begin, best[0]), best, *stops(best[1], end)]
+
+    found = stops(0, len(places))
+    if len(found) < 2:
+        return [phase]
+    return [Phase(phase.first + a * stride, min(phase.first + b * stride - 1, phase.last)) for a, b in found]
 
 
 def trimmed(values: Array, phase: Phase, noise: Array) -> Phase | None:

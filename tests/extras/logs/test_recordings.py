@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -467,6 +467,7 @@ FORMS: dict[str, Callable[[Run, Path], list[str]]] = {
     "lone db3, PointStamped": ros2_bag(stamped_point, "sqlite3", lone=True),
     "lone mcap, PoseStamped": ros2_bag(stamped_pose, "mcap", lone=True),
     "mcap by mcap-ros2-support": mcap_of_ros2,
+    "joint states in degrees": lambda run, folder: mcap_of_ros2(replace(run, q=np.degrees(run.q)), folder),
     "RTDE and a tracker, clocks of their own": two_csvs(
         ["timestamp", *RTDE], rtde_columns, ["time", "x_mm", "y_mm", "z_mm"], lambda run: [run.point_s, *run.xyz_mm.T]
     ),

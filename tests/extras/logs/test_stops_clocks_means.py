@@ -40,6 +40,28 @@ def test_every_stop_is_found_and_the_clock_to_a_millisecond(name: str, digits: i
     assert clock.drift == 0.0
 
 
+@pytest.mark.parametrize(("noise_rad", "creep_deg"), [(1e-5, 0.2), (1e-4, 0.0)])
+@pytest.mark.parametrize("move_s", [0.1, 1.4])
+@pytest.mark.parametrize("step_deg", [0.05, 0.3])
+def test_stops_apart_by_a_small_move_stay_two(
+    step_deg: float, move_s: float, noise_rad: float, creep_deg: float
+) -> None:
+    rng = np.random.default_rng(0)
+    stops = np.repeat(rng.uniform(-1.2, 1.2, (8, 6)), 2, axis=0)
+    stops[1::2, 2] += np.radians(step_deg)
+    rows = []
+    for k, (here, there) in enumerate(zip(stops, [*stops[1:], stops[-1]], strict=True)):
+        way = np.linspace(0.0, 1.0, round(50 * (1.4 if k % 2 else move_s)))[:, None]
+        creep = np.radians(creep_deg) * np.exp(-np.arange(80) / 15.0)[:, None] * np.eye(6)[0]  # before it stands
+        rows += [here + creep, here + (3.0 * way**2 - 2.0 * way**3) * (there - here)]
+    q = np.vstack(rows)
+    q += rng.normal(0.0, noise_rad, q.shape)
+    rest = standstill_of("log", np.arange(len(q)) * 0.02, q)
+    means = np.array([q[phase.first : phase.last + 1].mean(axis=0) for phase in rest.phases])
+    assert len(means) == len(stops)
+    assert np.degrees(np.abs(means - stops).max()) < 0.01
+
+
 def test_a_drift_between_the_clocks_shows() -> None:
     run = recorded_run(np.random.default_rng(2), 40, start_s=0.0)
     point_s = run.point_s * (1.0 + 3e-4)
