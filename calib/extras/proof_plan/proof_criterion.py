@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,13 +11,22 @@ from calib.dataset.dataset import Poses
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
 from calib.extras.proof_plan.plugin import PROVE
-from calib.extras.proof_plan.proof_outcome import PairReason, ProofOutcome
 from calib.extras.proof_plan.proof_plan import NextChange, next_change
-from calib.extras.proof_plan.simulated_pairs import joined_poses
+from calib.extras.proof_plan.simulated_pairs import joined_poses, under
 from calib.intervention.pairs import APPROACH
 from calib.planning.criterion import BaseCriterion, DesignProblem, PlanTask
 from calib.planning.effect_hypotheses import hypothesis_sets
+from calib.planning.outcome import PoseReason
 from calib.planning.start import FromFit, Start
+
+
+@dataclass(frozen=True)
+class PairReason(PoseReason):
+    """Reason for a pose: it is measured under a changed condition, at the joints of another one."""
+
+    again: str | None  # the pose measured before that it repeats; None where both are new
+    condition: str  # column of poses.csv
+    level: float | None  # its value; None for sides of approach
 
 
 @dataclass(frozen=True)
@@ -37,17 +46,13 @@ class ForProof(BaseCriterion):
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
         """The chosen poses first, then candidates as offered, under the condition before the change."""
-        change, n = self.chosen.change, len(offered)
-        conditions = {name: getattr(self.chosen.poses, name) for name in ("payload_kg", "temperature_c", "approach")}
-        usual = {
-            name: None if values is None else np.tile(values[:1], (n, *[1] * (values.ndim - 1)))
-            for name, values in conditions.items()
-        }
-        if change.condition != APPROACH and change.before is not None:
-            usual[change.condition] = np.full(n, change.before)
-        offered = replace(
-            offered, payload_kg=usual["payload_kg"], temperature_c=usual["temperature_c"], approach=usual["approach"]
-        )
+        change, poses, n = self.chosen.change, self.chosen.poses, len(offered)
+        for name in ("payload_kg", "temperature_c", "approach"):
+            values = getattr(poses, name)
+            usual = None if values is None else np.repeat(values[:1], n, axis=0)
+            if name == change.condition != APPROACH and change.before is not None:
+                usual = np.full(n, change.before)
+            offered = under(offered, name, usual)
         return joined_poses(self.chosen.poses, offered)
 
     def choose(self, problem: DesignProblem, count: int) -> IndexArray:
@@ -63,30 +68,20 @@ class ForProof(BaseCriterion):
             for k in chosen.tolist()
         )
 
-    def outcome(self, problem: DesignProblem, chosen: IndexArray) -> ProofOutcome:
+    def outcome(self, problem: DesignProblem, chosen: IndexArray) -> NextChange:
         """The change, and the probability that it proves which hypothesis is true."""
-        found = self.chosen
-        return ProofOutcome(
-            hypotheses=found.hypotheses,
-            condition=found.change.condition,
-            before=found.change.before,
-            after=found.change.after,
-            again=found.again,
-            assumed=found.assumed,
-            pairs=found.pairs,
-            probability=found.probability,
-            others=tuple((c.condition, c.before, c.after, probability) for c, probability in found.others),
-        )
+        return self.chosen
 
 
-def for_proof(diagnosis: Diagnosis, payload_kg: float | None = None, count: int | None = None) -> ForProof:
-    """Criterion for the first set of effects, left confounded by a diagnosis, of which a change moves any.
+def task_of_diagnosis(diagnosis: Diagnosis, payload_kg: float | None, count: int | None) -> PlanTask:
+    """Poses that prove one of the effects that a diagnosis left confounded; as many as it takes where none is given.
 
     Raises CalibError where nothing was left confounded, or no change moves any of it.
     """
     name, found = diagnosis.calibration.dataset.name, next_change(diagnosis, payload_kg=payload_kg, count=count)
     if found is not None:
-        return ForProof(found, FromFit(found.calibration))
+        proof = ForProof(found, FromFit(found.calibration))
+        return PlanTask(proof.start, proof.count, proof)
     sets = hypothesis_sets(diagnosis)
     if not sets:
         raise CalibError(
@@ -97,9 +92,3 @@ def for_proof(diagnosis: Diagnosis, payload_kg: float | None = None, count: int 
         f"dataset {name}: neither a payload, nor the side of approach, nor the temperature moves any of "
         f"{', '.join(sets[0].names)}, so pairs of poses prove none; --for split plans other poses"
     )
-
-
-def task_of_diagnosis(diagnosis: Diagnosis, payload_kg: float | None, count: int | None) -> PlanTask:
-    """Poses that prove one of the effects that a diagnosis left confounded; as many as it takes where none is given."""
-    proof = for_proof(diagnosis, payload_kg, count)
-    return PlanTask(proof.start, proof.count, proof)

@@ -36,6 +36,7 @@ from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
 from calib.intervention.proof import FEWEST_PAIRS, follows, with_masses
 from calib.planning.effect_hypotheses import HypothesisSet, coefficient_posteriors, hypothesis_sets
 from calib.planning.offered_poses import offered_poses
+from calib.planning.outcome import Outcome
 from calib.workcell.pose_conditions import COLD_C, WARM_C
 
 PROOF_PAYLOAD_KG = 2.0
@@ -51,7 +52,7 @@ _SIGNS = 20  # draws of a size that has to be positive
 
 
 @dataclass(frozen=True)
-class NextChange:
+class NextChange(Outcome):
     """Poses to measure under a changed condition, and the probability that their differences prove the true cause."""
 
     calibration: Calibration  # that left the hypotheses open
@@ -63,6 +64,11 @@ class NextChange:
     pairs: int
     probability: float
     others: tuple[tuple[ConditionChange, float], ...]  # further changes, and what they would reach
+
+    @property
+    def power(self) -> float:
+        """Probability that the pairs prove which hypothesis is true."""
+        return self.probability
 
 
 # ---- what stays open ------------------------------------------------------------------------------------------------

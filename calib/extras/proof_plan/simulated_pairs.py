@@ -94,7 +94,7 @@ def new_pairs(offered: Poses, change: ConditionChange) -> Offer:
     return Offer(change, one, other, is_again=False)
 
 
-def under(poses: Poses, condition: str, values: Array) -> Poses:
+def under(poses: Poses, condition: str, values: Array | None) -> Poses:
     """Poses with other values of one condition."""
     if condition == APPROACH:
         return replace(poses, approach=values)

@@ -12,7 +12,7 @@ from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.poses_csv import poses_frame
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
-from calib.extras.proof_plan.proof_criterion import ForProof, for_proof
+from calib.extras.proof_plan.proof_criterion import ForProof, task_of_diagnosis
 from calib.extras.proof_plan.proof_plan import NextChange, change_for
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
 from calib.planning.plan import plan_poses
@@ -114,4 +114,4 @@ def test_no_change_is_planned_where_none_moves_the_effects(cell: Cell, open_set:
     hypotheses = tuple(EffectHypothesis.of(candidate) for candidate in screen(calibration, families).candidates)
     assert change_for(HypothesisSet(calibration, hypotheses)) is None
     with pytest.raises(CalibError, match="nothing to prove"):
-        for_proof(diagnose(measured(cell, soft=False)))
+        task_of_diagnosis(diagnose(measured(cell, soft=False)), None, None)

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from calib.extras.proof_plan.proof_outcome import PairReason, ProofOutcome
+from calib.extras.proof_plan.proof_criterion import PairReason
 from calib.extras.proof_plan.proof_plan import NextChange
+from calib.extras.proof_plan.simulated_pairs import ConditionChange
 from calib.intervention.pairs import APPROACH, PAYLOAD
 from calib.present.moves.plans import SURELY, ReasonTold, Told, reason_told, told
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Presentation, Verdict, Words, effect, listed, spans
 from calib.rendering.colours import GOOD
 
 
 @told.register
-def _of_proof(outcome: ProofOutcome) -> Told:
-    change = {"condition": outcome.condition, "before": outcome.before, "after": outcome.after}
+def _of_proof(found: NextChange) -> Told:
     return Told(
-        f"to prove which is true of {numbers.listing(outcome.hypotheses)}",
-        sentences=_proven(outcome),
-        document={"change": change, "hypotheses": outcome.hypotheses, "pairs": outcome.pairs},
+        f"to prove which is true of {numbers.listing(found.hypotheses)}",
+        sentences=_proven(found),
+        document=keys_of(found, "change", "hypotheses", "pairs"),
     )
 
 
@@ -31,28 +31,22 @@ def _by_pair(reason: PairReason) -> ReasonTold:
     return ReasonTold(phrase, {"again": reason.again})
 
 
-def _proven(outcome: ProofOutcome) -> list[str]:
-    what = condition_change(outcome.condition, outcome.before, outcome.after)
-    if outcome.again:
-        lines = [f"{what}, leave all else as it is, and measure {numbers.listing(outcome.again)} again, joints as then"]
+def _proven(found: NextChange) -> list[str]:
+    what = condition_change(found.change)
+    if found.again:
+        lines = [f"{what}, leave all else as it is, and measure {numbers.listing(found.again)} again, joints as then"]
     else:
-        lines = [f"measure {outcome.pairs} poses, {what}, leave all else as it is, and measure the same poses again"]
-    if outcome.assumed:
-        level = f"{outcome.condition} {outcome.before:.4g}"
+        lines = [f"measure {found.pairs} poses, {what}, leave all else as it is, and measure the same poses again"]
+    if found.assumed:
+        level = f"{found.change.condition} {found.change.before:.4g}"
         lines.append(f"no column has the condition of the poses measured so far: write {level} for them in poses.csv")
     lines.append(
         "where instrument or tool were moved since, that does no harm; the instrument then has a setup of its own"
     )
-    lines += [
-        f"{numbers.share(power)} instead, if you {condition_change(condition, before, after)}"
-        for condition, before, after, power in outcome.others
-    ]
-    if outcome.power < SURELY:
-        lines.append(
-            "the others stay open: more pairs (--add) or a heavier payload (--payload-kg) tell more"
-            if outcome.condition == PAYLOAD
-            else "the others stay open: more pairs (--add) tell more"
-        )
+    lines += [f"{numbers.share(power)} instead, if you {condition_change(change)}" for change, power in found.others]
+    if found.probability < SURELY:
+        heavier = " or a heavier payload (--payload-kg)" if found.change.condition == PAYLOAD else ""
+        lines.append(f"the others stay open: more pairs (--add){heavier} tell more")
     return lines
 
 
@@ -66,19 +60,13 @@ def _next_change(found: NextChange) -> Presentation:
 
 @document.register
 def _change_document(found: NextChange) -> dict[str, Any]:
-    return {
-        "condition": found.change.condition,
-        "before": found.change.before,
-        "after": found.change.after,
-        "pairs": found.pairs,
-        "again": found.again,
-        "settles": found.probability,
-        "between": found.hypotheses,
-    }
+    settled = {"settles": found.probability, "between": found.hypotheses}
+    return {**document(found.change), **keys_of(found, "pairs", "again"), **settled}
 
 
-def condition_change(condition: str, before: float | None, after: float | None) -> str:
+def condition_change(change: ConditionChange) -> str:
     """Instruction to change one condition: "hang 2 kg on the flange"."""
+    condition, before, after = change.condition, change.before, change.after
     if condition == APPROACH:
         return "come with every joint from the other side"
     assert before is not None
@@ -90,8 +78,7 @@ def condition_change(condition: str, before: float | None, after: float | None) 
 
 def change_sentence(found: NextChange) -> Words:
     """Sentence on the change of one condition that is likely to prove which of several effects is true."""
-    change = found.change
-    what = numbers.capitalised(condition_change(change.condition, change.before, change.after))
+    what = numbers.capitalised(condition_change(found.change))
     measured = (
         f" and measure {numbers.count(found.pairs, 'pose')} again" if found.again else
         f" between two measurements of {numbers.count(found.pairs, 'pose')}"
