@@ -30,13 +30,13 @@ def without_blunders(calibration: Calibration) -> Calibration:
     Where what is then left is no noise, an effect may be missing that makes good poses stand out; they are left out if
     they alone made more than half of the residual.
     """
-    found = blunders_of(calibration, run_residual_tests(calibration.dataset, project_residual(calibration)))
-    if not found:
-        return calibration
     try:
+        found = blunders_of(calibration, run_residual_tests(calibration.dataset, project_residual(calibration)))
+        if not found:
+            return calibration
         without = fit_again(calibration, without_poses(calibration.dataset, found), calibration.options)
-    except FitError:  # too few poses are left
+        much = without.sigma_mm < _HALF * calibration.sigma_mm
+        clean = much or run_residual_tests(without.dataset, project_residual(without)).is_noise
+        return without if clean else calibration
+    except FitError:  # too few poses to tell
         return calibration
-    much = without.sigma_mm < _HALF * calibration.sigma_mm
-    clean = much or run_residual_tests(without.dataset, project_residual(without)).is_noise
-    return without if clean else calibration

@@ -44,3 +44,8 @@ def test_poses_of_a_missing_effect_are_no_blunders() -> None:
     assert plain.sigma_mm > 0.07
     assert without_blunders(plain) is plain
     assert set(without_blunders(fit_measured(spoilt)).dataset.left_out) == wrong
+
+
+def test_few_poses_show_no_blunders() -> None:
+    fit = fit_measured(simulate_dataset("rb5", rng=2, poses=11).dataset)
+    assert without_blunders(fit) is fit

@@ -83,16 +83,13 @@ class PairDesign:
 
 
 @one_blas_thread()
-def greedy_pairs(design: PairDesign, count: int, begun: int = 0) -> IndexArray:
-    """Indices (count,) of pairs, each the one that tells most given those before; fewer if there are not enough.
-
-    begun: number of pairs, the first of all, that are chosen already.
-    """
+def greedy_pairs(design: PairDesign, count: int) -> IndexArray:
+    """Indices (count,) of pairs, each the one that tells most given those before; fewer if there are not enough."""
     each = design.information
-    free = np.arange(len(each)) >= begun
-    chosen = list(range(begun))
-    total = each[:begun].sum(axis=0)
-    for _ in range(min(count, len(each)) - begun):
+    free = np.ones(len(each), dtype=bool)
+    chosen: list[int] = []
+    total = np.zeros(each.shape[1:])
+    for _ in range(min(count, len(each))):
         best = int(np.argmin(np.where(free, design.confusion(total + each), np.inf)))
         chosen.append(best)
         free[best] = False

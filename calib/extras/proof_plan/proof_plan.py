@@ -184,20 +184,13 @@ def _changes(dataset: Dataset, members: Sequence[Effect], payload_kg: float | No
     if any(follows(member, (APPROACH,)) for member in members):
         out.append(ConditionChange(APPROACH, None, None))
     if any(follows(member, (PAYLOAD,)) for member in members):
-        low, high = _ends(poses.payload_kg, 0.0, payload_kg or PROOF_PAYLOAD_KG)
-        out.append(ConditionChange(PAYLOAD, low, high))
+        known = np.zeros(1) if poses.payload_kg is None else poses.payload_kg
+        low, high = float(known.min()), float(known.max())
+        out.append(ConditionChange(PAYLOAD, low, high if high > low else low + (payload_kg or PROOF_PAYLOAD_KG)))
     if any(follows(member, (TEMPERATURE,)) for member in members):
         cold = COLD_C if poses.temperature_c is None else float(np.median(poses.temperature_c))
         out.append(ConditionChange(TEMPERATURE, cold, cold + WARM_C - COLD_C))
     return out
-
-
-def _ends(values: Array | None, low: float, more: float) -> tuple[float, float]:
-    """Least and largest recorded value of a condition, or `more` above the only one."""
-    if values is None:
-        return low, more
-    least, most = float(values.min()), float(values.max())
-    return (least, most) if most > least else (least, least + more)
 
 
 # ---- pairs that can be measured -------------------------------------------------------------------------------------
@@ -205,11 +198,9 @@ def _ends(values: Array | None, low: float, more: float) -> tuple[float, float]:
 
 def _offers(calibration: Calibration, change: ConditionChange) -> list[Offer]:
     """Pairs that can be measured: poses measured again, and new ones."""
-    offers = []
     again = _again(calibration, change)
-    if again is not None:
-        offers.append(again)
-    return [*offers, new_pairs(offered_poses(calibration, count=_NEW), change)]
+    new = new_pairs(offered_poses(calibration, count=_NEW), change)
+    return [new] if again is None else [again, new]
 
 
 def _again(calibration: Calibration, change: ConditionChange) -> Offer | None:

@@ -22,7 +22,6 @@ from calib.intervention.differences import Differences, differences_of
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
 from calib.intervention.proof import FEWEST_PAIRS, candidates_of, decided
 from calib.kinematics.robot import Robot
-from calib.statistics import rms
 
 TEMPERATURE = "temperature_c"
 ACTING = (APPROACH, PAYLOAD, TEMPERATURE)
@@ -138,13 +137,8 @@ def chosen_from(
     return shown * design.probability_of(chosen), offer.take(chosen)
 
 
-def design_of(
-    made: MeasuredPairs, drawn: Sequence[DrawnCause], *, size: float | None = None
-) -> tuple[PairDesign, float] | None:
-    """Design for the causes drawn, each by the member that shows most, and the share of causes that show at all.
-
-    size: of each cause's differences over the noise, root mean square; None: as drawn.
-    """
+def design_of(made: MeasuredPairs, drawn: Sequence[DrawnCause]) -> tuple[PairDesign, float] | None:
+    """Design for the causes drawn, each by the member that shows most, and the share of causes that show at all."""
     candidates = candidates_of(made.differences, made.dataset)
     names = [full_name(c.member, p) for c in candidates for p in c.parameters]
     column = {name: k for k, name in enumerate(names)}
@@ -162,10 +156,6 @@ def design_of(
             parts.append(part)
         causes.append(max(parts, key=lambda part: float(np.linalg.norm(visible @ part))))
     shown = [cause for cause in causes if cause.any()]
-    if size is not None:
-        columns = np.concatenate([c.columns for c in candidates], axis=1)
-        # The rows of a pair are half its difference each.
-        shown = [cause * size / (2.0 * rms(columns @ cause)) for cause in shown]
     if not shown:
         return None
     return PairDesign.of(made.differences, candidates, np.array(shown)), len(shown) / len(causes)
@@ -193,7 +183,8 @@ class PairCell:
         model, n = geometric_model(self.robot), len(poses)
         placed = frames_by_name(self.scanner_T_base, poses.setup)
         points = self.dataset.points
-        target = "jig" if points is None else str(points.target[0])
+        assert points is not None
+        target = str(points.target[0])
         xyz_mm = frames.apply(placed, model.predict(np.zeros(len(model.parameters)), poses, target))
         covariance = np.tile(self.sigma_mm**2 * np.eye(3), (n, 1, 1))
         made = replace(self.dataset, poses=poses, points=Points(np.arange(n), xyz_mm, np.full(n, target), covariance))

@@ -89,7 +89,7 @@ class CellTests:
         """Motion of the scanner, given changes of the arm; None where it is insignificant."""
         if not self.scanner_known:
             return None
-        test = next(iter(self.fixed.tests((self.scanner,), given=arm)), None)
+        test = self.fixed.test(self.scanner, arm)
         if test is None or test.p_value > (NAMED_GIVEN_OTHERS if arm else ALARM):
             return None
         if self.fixed.noise_explains(arm, self.scanner):
@@ -120,13 +120,13 @@ class CellTests:
         """Size and sigma of one change, given changes of the arm; infinite sigma where no pose shows it."""
         tests = self.free if scanner_moved or not self.scanner_known else self.fixed
         others = [other for other in arm if other.key != model.key]
-        if not tests.tests((model,), given=others):
-            return Change(model.what, model.joint, model.parameter, np.nan, np.inf, model.unit, 1.0, ())
+        if tests.test(model, others) is None:
+            return Change(*model.key, np.nan, np.inf, model.unit, 1.0, ())
         return tests.estimate(model, [*others, model])
 
     def explains_alone(self, model: ChangeModel) -> bool:
         """Whether a change of the arm leaves no significant motion of the scanner."""
-        test = next(iter(self.fixed.tests((self.scanner,), given=[model])), None)
+        test = self.fixed.test(self.scanner, [model])
         return self.scanner_known and (test is None or test.p_value > ALONE)
 
     def change_with_scanner_fixed(self) -> list[Change]:

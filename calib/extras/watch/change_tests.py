@@ -135,6 +135,10 @@ class ChangeTests:
             tests.append(ChangeTest(model, gain, f_sf(gain / count, count, self.noise_dof), u[:, shown]))
         return tests
 
+    def test(self, model: Model, given: Sequence[ChangeModel] = ()) -> ChangeTest[Model] | None:
+        """Test of one possible change, given other changes; None where these poses do not show it."""
+        return next(iter(self.tests((model,), given)), None)
+
     def family_wise_p_value(self, tests: Sequence[ChangeTest[Model]]) -> float:
         """Family-wise p-value of the most significant one of several tests."""
         least = min((test.weighted for test in tests), default=1.0)
@@ -164,8 +168,8 @@ class ChangeTests:
         """Whether a change is insignificant against the noise of the new points, given other changes."""
         if self.p_rest([*given, model]) > ALARM:
             return False  # with the change the noise is as before
-        test = next(t for t in self.tests((model,), given=given))
-        count = float(model.count)
+        test, count = self.test(model, given), float(model.count)
+        assert test is not None
         dof = max(self.dof([*given, model]), 1.0)
         p_value = f_sf(test.gain / count / self.noise_ratio([*given, model]) ** 2, count, dof)
         return p_value > NAMED_GIVEN_OTHERS
@@ -178,11 +182,11 @@ class ChangeTests:
         start = sum(k.count for k in models[: models.index(model)])
         own = slice(start, start + model.count)
         vector, own_covariance = values[own], covariance[own, own]
-        size = float(vector[0]) if len(vector) == 1 else float(np.linalg.norm(vector))
+        size = float(np.linalg.norm(vector)) if len(vector) > 1 else float(vector[0])
         along = vector / max(float(np.linalg.norm(vector)), 1e-300)
         sigma = float(np.sqrt(along @ own_covariance @ along))
         components = tuple(float(v) for v in vector) if len(vector) > 1 else ()
-        return Change(model.what, model.joint, model.parameter, size, sigma, model.unit, 1.0, (), components)
+        return Change(*model.key, size, sigma, model.unit, 1.0, (), components)
 
     def detectable(self, model: ChangeModel) -> Detectable:
         """Least size of a change that is detected 19 times of 20, in its least visible direction."""
@@ -190,10 +194,10 @@ class ChangeTests:
         whole = np.linalg.norm(model.columns) / np.sqrt(len(model.columns))
         s = np.linalg.svd(columns, compute_uv=False)
         if s[-1] < 1e-3 * max(float(s[0]), 1e-300) or s[0] < 1e-9:
-            return Detectable(model.what, model.joint, model.parameter, None, model.unit, None)
+            return Detectable(*model.key, None, model.unit, None)
         size = DETECTABLE_Z / float(s[-1])
         moves_mm = float(size * whole / np.sqrt(model.count))
-        return Detectable(model.what, model.joint, model.parameter, float(size), model.unit, moves_mm)
+        return Detectable(*model.key, float(size), model.unit, moves_mm)
 
 
 # ---- the family-wise error rate -------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import svd
 
 from calib.array_types import Array
 from calib.brief import Brief
@@ -38,7 +39,9 @@ class Spread:
         shared = columns @ covariance_root(covariance)
         length = np.linalg.norm(shared)
         shared = _without(shared, blind)
-        axes, sizes, _ = np.linalg.svd(shared, full_matrices=False)
+        # The quicker driver of numpy may not converge where sizes span many powers of ten.
+        found = svd(shared, full_matrices=False, lapack_driver="gesvd")
+        axes, sizes = (np.asarray(part, dtype=float) for part in found[:2])
         counts = sizes > max(_ROUNDING * length, 1e-6 * noise)  # far below the noise nothing shows
         return cls(noise, _without(axes[:, counts], blind), sizes[counts], blind)
 
