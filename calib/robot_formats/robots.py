@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError
-from calib.kinematics.robot import Robot
+from calib.kinematics.flange import flange_T_tip
+from calib.kinematics.robot import FixedFrame, Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.plugins import load
 from calib.robot_formats.calibrated_file import in_template
@@ -130,4 +133,6 @@ def not_in_model(robot: Robot) -> tuple[str, ...]:
         notes.append("note: further targets are left out")
     if any(joint.mass_kg for joint in robot.joints):
         notes.append("note: the inertias in it are placeholders, as robot.toml has masses only")
+    if robot.flange != FixedFrame() and not np.allclose(flange_T_tip(robot), np.eye(4), atol=1e-6):
+        notes.append("note: [flange] is left out; the link tool0 is the end of [tool]")
     return tuple(notes)

@@ -11,7 +11,7 @@ are then left as they are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,11 +26,13 @@ from calib.extras.robot_programs.program_targets import Frames, Program, frame_o
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
 from calib.extras.robot_programs.program_text.source import NO_CONFIGURATION, ProgramTarget
 from calib.kinematics.flange import flange_frames, flange_T_tip, measured_point_on_flange
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import FixedFrame, Robot
 from calib.rendering import numbers
+from calib.robot_formats.robot_file import source_links
 
 SAME_POINT_MM = 0.5
 """Distance within which a program's tool point is that of robot.toml."""
+_SAME_PLACE = 1e-6  # mm or rad
 BY_CONFIGURATION, BY_NEAR = "configuration", "qnear"
 _NOT_TOLD = "its posture is not told: no target whose joints are known stands before it on every way there"
 _SINGULAR = "its posture is not told: the way to it passes a singular posture"
@@ -159,7 +161,18 @@ def corrected_program(
         elif reached:
             work_T_tool = frames.invert(each.base_T_work) @ after
             values[k] = pose_values(program.language, work_T_tool, each.target.values)
-    return ProgramCorrection(program, program.with_values(values), tuple(moves), correction, program.notes)
+    notes = (*program.notes, *_flange_note(nominal))
+    return ProgramCorrection(program, program.with_values(values), tuple(moves), correction, notes)
+
+
+def _flange_note(nominal: Robot) -> Iterable[str]:
+    """Note on a robot.toml that was made of a file with links before these had their flange written."""
+    tip, _ = source_links(nominal)
+    if tip and nominal.flange == FixedFrame() and not np.allclose(flange_T_tip(nominal), np.eye(4), atol=_SAME_PLACE):
+        yield (
+            f"robot.toml has no [flange], so the last joint's frame is taken for it; if it is {tip}, import the arm's "
+            "file anew, or add it"
+        )
 
 
 def _frames(given: Array | Frames | None) -> Frames:

@@ -27,13 +27,8 @@ class MeasuringProgram(PlanAddition[PlanProgramOptions, PlanOptions]):
         """Refuse what the program's language cannot do."""
         asked = self.asked
         if asked.program is None:
-            chosen = {
-                "--speed": asked.speed,
-                "--settle-s": asked.settle_s, "--stand-s": asked.stand_s, "--trigger": asked.trigger,
-                "--pulse-s": asked.pulse_s, "--measured": asked.measured, "--tool-name": asked.tool_name,
-            }  # fmt: skip
-            alone = next(name for name, value in chosen.items() if value is not None)
-            raise CalibError(f"{alone} is of a measuring program; give --program FILE with it")
+            alone = next(name for name, value in vars(asked).items() if value is not None)
+            raise CalibError(f"--{alone.replace('_', '-')} is of a measuring program; give --program FILE with it")
         check_program(asked.program, _measuring(asked))
         places = [path.resolve() for path in (self.command.out, *self.outputs()) if path is not None]
         again = [path for path in places if places.count(path) > 1]

@@ -113,6 +113,10 @@ def test_it_is_the_same_where_the_last_row_of_the_table_leads_to_the_flange(
 
 def test_the_flange_is_the_link_tool0_and_is_kept(cell: Cell, tmp_path: Path) -> None:
     calib.save_robot(cell.nominal, tmp_path / "robot.toml")
+    path = tmp_path / "prog.mod"
+    path.write_text(program_of("RAPID", UR.stands, Q, TOOL, WORK))
+    without = replace(cell.nominal, flange=FixedFrame())
+    assert "if it is tool0" in corrected_program(load_program(path), without, cell.model).notes[-1]
     tip = "<link name='probe'/><joint name='p' type='fixed'><parent link='tool0'/><child link='probe'/>"
     longer = UR.urdf(tmp_path / "longer.urdf")
     longer.write_text(longer.read_text().replace("</robot>", f"{tip}<origin xyz='0 0 0.2'/></joint></robot>"))
