@@ -20,7 +20,6 @@ from calib.extras.follow.outlook import DrawnPoses, Outlook, drawn_poses, needs_
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
-from calib.planning.prediction import Prediction
 from calib.presented import Presented
 
 _RUN = 3  # successive training poses that are off, from which something was moved rather than measured badly
@@ -38,7 +37,6 @@ class Campaign(Presented):
     outlook: Outlook | None = None
     unknown: tuple[str, ...] = ()  # names in points.csv, or files of scans, of no pose that poses.csv has (yet)
     drawn: DrawnPoses | None = None
-    history: tuple[tuple[int, Prediction], ...] = ()  # number of good poses and the error predicted then
 
     @property
     def good(self) -> tuple[str, ...]:
@@ -123,8 +121,6 @@ def with_arrivals(
         if now.drawn is None and len(found) % _DRAWN_EVERY == 0 and needs_drawn_poses(dataset.poses, now.open_poses):
             now = replace(now, drawn=drawn_poses(calibration))
         now = replace(now, outlook=outlook_of(calibration, dataset.poses, now.open_poses, now.drawn))
-    if now.outlook is not None:
-        now = replace(now, history=(*campaign.history, (len(now.good), now.outlook.now)))
     before = campaign.judged
     news = tuple(j for i, j in judged.items() if i not in before or before[i].told != j.told)
     return now, news

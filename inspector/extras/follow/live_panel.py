@@ -9,9 +9,8 @@ import viser
 from calib.extras.follow.campaign import Campaign
 from calib.extras.follow.present.campaign import campaign_head, latest_first, unknown_sentence
 from calib.rendering import html
-from inspector.extras.follow.campaign_plots import predicted_error
 from inspector.markup.parts import elements
-from inspector.panels.base import SECONDARY, Actions, by_page, hidden_plot
+from inspector.panels.base import SECONDARY, Actions, by_page
 
 NOTE = (
     "While you measure: each pose that arrives in this dataset's folder is judged at once, the error of the fit so far "
@@ -23,13 +22,12 @@ WAITING = "Nothing has arrived yet."
 
 
 class LivePanel:
-    """Switch to follow the folder, the predicted error, and the poses as they were judged."""
+    """Switch to follow the folder, the campaign so far with its predicted error, and the poses as they were judged."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
         self.on = gui.add_checkbox(FOLLOW, False, hint="look for new measurements several times a second")
         self._state = gui.add_html("")
-        self._plot = hidden_plot(gui, 0.6, "predicted error")
         self._show = gui.add_button(
             SHOW, color=SECONDARY, hint="read the dataset again, for the 3D view and all other tabs", visible=False
         )
@@ -41,7 +39,7 @@ class LivePanel:
     def clear(self) -> None:
         """Show nothing of a campaign, as for a dataset that is not followed."""
         self._state.content = self._poses.content = ""
-        self._plot.visible = self._show.visible = False
+        self._show.visible = False
 
     def say(self, words: str, *, bad: bool = False) -> None:
         """Show what is wrong with the folder, or that nothing has arrived."""
@@ -56,6 +54,3 @@ class LivePanel:
         self._state.content = html.panel(campaign_head(campaign))
         self._poses.content = html.panel([latest_first(campaign)])
         self._show.visible = is_newer
-        self._plot.visible = len(campaign.history) > 1
-        if self._plot.visible:
-            self._plot.figure = predicted_error(campaign)
