@@ -12,7 +12,7 @@ from calib.rendering.blocks import Paragraph, Table
 def _of_checks(outcome: CheckOutcome) -> Told:
     found = [c for c in outcome.changes if c.size is not None]
     rows = [(change_name(c.what, c.joint), numbers.size(c.size or 0.0, c.unit)) for c in found]
-    words = "19 times of 20 a change is found from this size on, the tool's in its worst direction; to be named takes more."
+    words = "19 times of 20 a change is found from this size on, the tool's in its worst direction; a name takes more."
     never = [change_name(c.what, c.joint) for c in outcome.changes if c.size is None]
     resting = [change_name(*key) for key in outcome.scanner_at_rest]
     sentences = [
