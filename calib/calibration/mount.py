@@ -7,16 +7,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array
+from calib.array_types import Array, BoolArray
 from calib.brief import Brief
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import JointKnowledge
-from calib.fitting.observations import Observations, with_nominal_scanner_frames
-from calib.fitting.pose_residuals import PoseResiduals
+from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
+from calib.fitting.observations import Observations, predict_poses, with_nominal_scanner_frames
+from calib.fitting.pose_residuals import Nuisance, PoseResiduals
+from calib.fitting.scanner_frame import orthonormal
+from calib.fitting.table_evidence import TIP
 from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import Robot
 
 _UNKNOWN = 0.5  # of a parameter's prior variance: what keeps more is not known from the points
+_STEP = 1e-4  # mm or rad
+_LEAST_SHARE = 0.05  # of the tolerances, to which what the points do not tell of the links is known at best
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,9 @@ def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
     nuisance = residuals.nuisance(fit.x)
     root, told = _parameter_roots(calibration)
     noise = fit.reduced_chi if np.isfinite(fit.reduced_chi) else 1.0
+    by_arm = np.zeros((nuisance.by_frames.shape[1], 0))
+    if not calibration.fits_links and residuals.has_orientation.all():
+        by_arm, noise = _held_arm(calibration, observed, residuals, nuisance)
     size = np.maximum(np.linalg.norm(nuisance.by_frames, axis=0), 1e-300)
     pseudo = np.linalg.pinv(nuisance.by_frames / size, rcond=1e-9) / size[:, None]
     follows, own = -pseudo @ nuisance.by_parameters, noise * pseudo
@@ -133,7 +141,8 @@ def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
         parent_T_camera = frames.invert(last_T_flange) @ parent_T_camera if carries else parent_T_camera
         to_mount = _to_mount(parent_T_camera, nuisance.centre_mm[setup])
         part = slice(6 * k, 6 * k + 6)
-        by_table, by_noise = to_mount @ follows[part] @ root, to_mount @ own[part]
+        by_table = to_mount @ follows[part] @ root
+        by_noise = to_mount @ np.concatenate([own[part], by_arm[part]], axis=1)
         by_told = by_table[:, told]
         first = int(np.flatnonzero(observed.setup == setup)[0])
         board = frames.make_transform(nuisance.attitude[first] @ nuisance.placed.tool_R_jig, nuisance.base_mm[first])
@@ -151,6 +160,70 @@ def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
     return tuple(found)
 
 
+def _held_arm(
+    calibration: Calibration, observed: Observations, residuals: PoseResiduals, nuisance: Nuisance
+) -> tuple[Array, float]:
+    """Errors (6 S + 3, K) of frames by those of an arm that is held, one sigma of each, and the noise beside them.
+
+    All poses share the errors of links, within the tolerances; of an arm of which only the flange's poses are known,
+    each axis errs by a constant and a linear function of all. Their sizes, of lengths and of angles, are by which the
+    residual is larger in the directions that they move it in than in others.
+    """
+    columns, is_length = _arm_columns(calibration, observed, residuals, nuisance)
+    every = np.concatenate([nuisance.by_parameters, nuisance.by_frames], axis=1)
+    basis = orthonormal(every / np.maximum(np.linalg.norm(every, axis=0), 1e-300))
+    left = residuals.residual(calibration.fit.x)
+    left, apart = left - basis @ (basis.T @ left), columns - basis @ (basis.T @ columns)
+    ways = orthonormal(apart)
+    inside = ways @ (ways.T @ left)
+    free = len(left) - basis.shape[1] - ways.shape[1]
+    if free < 1 or not ways.shape[1]:
+        return np.zeros((nuisance.by_frames.shape[1], 0)), calibration.fit.reduced_chi
+    noise = float(np.sum((left - inside) ** 2)) / free
+    excess = inside**2 - noise * np.sum(ways**2, axis=1)
+    of_place = np.tile(np.repeat([True, False], 3), len(left) // 6)
+
+    def moved(rows: BoolArray, which: BoolArray) -> float:
+        return float(np.sum(apart[np.ix_(rows, which)] ** 2))
+
+    angles = max(float(np.sum(excess[~of_place])), 0.0) / max(moved(~of_place, ~is_length), 1e-300)
+    rest = float(np.sum(excess[of_place])) - angles * moved(of_place, ~is_length)
+    lengths = max(rest, 0.0) / max(moved(of_place, is_length), 1e-300)
+    known = np.concatenate([1.0 / calibration.model.scales**2, np.zeros(nuisance.by_frames.shape[1])])
+    scale = np.sqrt(np.maximum(np.sum(every**2, axis=0) + known, 1e-300))
+    bend = (every.T @ every + np.diag(known)) / np.outer(scale, scale)
+    follows = np.linalg.pinv(bend, rcond=1e-12, hermitian=True) @ (every.T @ columns / scale[:, None]) / scale[:, None]
+    sigmas = np.sqrt(np.where(is_length, lengths, angles))
+    return -follows[nuisance.by_parameters.shape[1] :] * sigmas, float(np.sqrt(noise))
+
+
+def _arm_columns(
+    calibration: Calibration, observed: Observations, residuals: PoseResiduals, nuisance: Nuisance
+) -> tuple[Array, BoolArray]:
+    """Changes (R, K) of the residual by the errors of an arm that is held, by its tolerances, and which are lengths."""
+    model, x = calibration.model, calibration.fit.x
+    robot = model.robot
+    if robot.is_cartesian:
+        q, turns = observed.poses.q, robot.is_revolute
+        varied = np.column_stack([np.ones(len(q)), (q - q.mean(axis=0)) / np.maximum(q.std(axis=0), 1e-12)])
+        columns = []
+        for joint in range(robot.n_joints):
+            poses = replace(observed.poses, q=q + _STEP * (np.arange(robot.n_joints) == joint))
+            there = predict_poses(model, x, replace(observed, poses=poses))
+            change = (residuals.errors(nuisance.placed, *there) - nuisance.error) / _STEP
+            each = change[:, :, None] * varied[observed.points.pose][:, None, :]
+            columns.append(residuals.whitened(each) * (TOLERANCE_RAD if turns[joint] else TOLERANCE_MM))
+        return np.concatenate(columns, axis=1), np.repeat(~turns, robot.n_joints + 1)
+    names = [name for name in robot.parameter_names if not name.endswith(TIP)]
+    free = replace(model, fixed=model.fixed - set(names))
+    value = dict(zip((p.name for p in model.parameters), x.tolist(), strict=True))
+    at = np.array([value.get(p.name, 0.0) for p in free.parameters])
+    by_all = replace(residuals, model=free).nuisance(at).by_parameters
+    rows = [k for k, p in enumerate(free.parameters) if p.name in set(names)]
+    units = np.array([free.parameters[k].unit == "mm" for k in rows])
+    return by_all[:, rows] * free.scales[rows], units
+
+
 def _to_mount(parent_T_camera: Array, centre_mm: Array) -> Array:
     """Change (6, 6) of a camera's place and turn, parent's axes, by shift and turn of its frame about a centre (3,).
 
@@ -161,8 +234,22 @@ def _to_mount(parent_T_camera: Array, centre_mm: Array) -> Array:
 
 
 def _parameter_roots(calibration: Calibration) -> tuple[Array, Array]:
-    """Root (P, P) of the parameters' covariance, and a mask (P,) of its columns that the points tell."""
-    scales = calibration.model.scales
+    """Root (P, P) of the parameters' covariance, and a mask (P,) of its columns that the points tell.
+
+    What the points do not tell of the links is as large, over the tolerances, as what they tell of them.
+    """
+    from scipy.optimize import nnls  # slow to load
+
+    model, x = calibration.model, calibration.fit.x
+    scales = model.scales
     variances, ways = np.linalg.eigh(calibration.fit.covariance / np.outer(scales, scales))
-    root = scales[:, None] * ways * np.sqrt(np.maximum(variances, 0.0))
-    return np.asarray(root), np.asarray(variances < _UNKNOWN)
+    told = variances < _UNKNOWN
+    links = set(model.robot.parameter_names)
+    of_links = np.array([p.name in links for p in model.parameters], dtype=bool)
+    is_length = np.array([p.unit == "mm" for p in model.parameters], dtype=bool)
+    shares = np.stack([np.sum(ways[rows] ** 2, axis=0) for rows in (of_links & is_length, of_links & ~is_length)], -1)
+    square = np.maximum((ways.T @ ((x - model.means) / scales)) ** 2 - variances, 0.0)
+    if of_links.any() and told.any() and calibration.fits_links and not calibration.holds_table:
+        size = np.clip(nnls(shares[told], square[told])[0], _LEAST_SHARE**2, 1.0)
+        variances = np.where(told, variances, variances * (1.0 + shares @ (size - 1.0)))
+    return np.asarray(scales[:, None] * ways * np.sqrt(np.maximum(variances, 0.0))), np.asarray(told)

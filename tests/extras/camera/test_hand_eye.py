@@ -221,3 +221,20 @@ def test_text_json_and_file_tell_the_camera_in_the_frame_that_was_asked_for(aske
     told = capsys.readouterr().out.replace("−", "-")
     assert f"the {asked}" in told
     assert f"{found_mm[2]:.1f}" in told
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("fixed", [["links"], []], ids=["held", "free"])
+@pytest.mark.parametrize("on_flange", [True, False])
+def test_places_of_cameras_on_an_arm_that_errs_are_as_certain_as_told(on_flange, fixed):
+    """Intervals of 90 % of a held arm held the place in 50 to 63 % of cells, of free links on the flange always."""
+    off = []
+    for seed in range(16):
+        rng = np.random.default_rng(3000 + seed)
+        scene = Scene.draw(rng, on_flange=on_flange, poses=20, link_mm=0.5, link_deg=0.1)
+        dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=true_lens())
+        (place,) = camera_places(calibrate(dataset, residual="pose", fixed=fixed))
+        off.append(place_errors(scene, place) / np.sqrt(np.diag(place.covariance)))
+    assert np.mean(np.abs(off) < 1.645) > 0.8
+    assert np.sqrt(np.mean(np.square(off))) > 0.5
