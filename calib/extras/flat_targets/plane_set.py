@@ -135,7 +135,7 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
     heights = np.array([p.normal @ p.centre_mm for p in named.patches])
     origin = np.linalg.lstsq(there, heights - at, rcond=None)[0]
     covariance = np.zeros((6, 6))
-    moments = [_information(patch) for patch in named.patches]
+    moments = [plane_information(patch) for patch in named.patches]
     for _ in range(_ROUNDS):
         there = of_set @ turn.T
         normal_matrix, right = np.zeros((6, 6)), np.zeros(6)
@@ -168,7 +168,7 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
     )
 
 
-def _information(plane: PlaneFit) -> Array:
+def plane_information(plane: PlaneFit) -> Array:
     """Information matrix (3, 3) of a patch's height (mm) and two slopes (rad), from its points and their scatter."""
     design = plane.design(plane.points_mm)
     values = plane.psi_mm / plane.slope

@@ -16,6 +16,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.intersection import packed
 from calib.errors import TargetError
+from calib.extras.flat_targets.plane_set import plane_information
 from calib.lazy_modules import spatial
 from calib.planes.flat_patches import flat_patches
 from calib.planes.point_selection import finite_rows
@@ -276,11 +277,8 @@ def _refined(corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexAr
     in_plane = turn @ np.diag([v1, v2]) @ turn.T
     plane = flat.plane
     xyz = plane.centre_mm + at @ plane.axes
-    design = plane.design(plane.points_mm)
-    values = plane.psi_mm / plane.slope
-    variance = float(values @ values) / max(len(values) - 3, 1)
     lever = plane.design(xyz[None])[0]
-    height = variance * float(lever @ np.linalg.inv(design.T @ design) @ lever)
+    height = float(lever @ np.linalg.inv(plane_information(plane)) @ lever)
     covariance = plane.axes.T @ in_plane @ plane.axes + max(height, 1e-12) * np.outer(plane.normal, plane.normal)
     pitch = float(np.mean([flat.pitch_mm(n1), flat.pitch_mm(n2)]))
     return FoundPoint(

@@ -7,7 +7,6 @@ certificates that Dask's own settings name, without it has no password.
 
 from __future__ import annotations
 
-import importlib
 import multiprocessing
 import os
 import signal
@@ -46,7 +45,8 @@ class _Limited(Executor):
 @contextmanager
 def local_workers(count: int, limit_s: float) -> Iterator[Workers]:
     """Executor of `count` processes on this machine; whatever dies or takes too long is replaced."""
-    pebble = _library("pebble", "fleet")
+    import pebble
+
     spawn = multiprocessing.get_context("spawn")
     with pebble.ProcessPool(count, context=spawn, initializer=_begin) as pool:
         try:
@@ -68,7 +68,8 @@ def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Work
     Raises CalibError where there is none at the address, where it has no workers, and where one of them has another
     version of this program or does not see the folder.
     """
-    distributed = _library("distributed", "--scheduler")
+    import distributed
+
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
@@ -108,12 +109,3 @@ def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Work
 def seen_by_worker(folder: str) -> tuple[dict[str, str], bool]:
     """Versions of a worker's programs, and whether the worker can read the folder; runs on the worker."""
     return versions(), Path(folder).is_dir()
-
-
-def _library(name: str, asked_by: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise CalibError(
-            f"{asked_by} needs {name}: pip install 'robot-calibration-inspector[fleet]' (./run fleet does it)"
-        ) from None

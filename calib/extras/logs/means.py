@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.statistics import rms
+from calib.statistics import mad_sigmas, rms
 
 _OUTLYING = 6.0  # standard deviations from the median: a sample that is left out
 _WINDOW = 5.0  # autocorrelation times that the sum runs over
@@ -54,8 +54,9 @@ def means_of(samples: Sequence[Array]) -> Means:
 def _is_near(samples: Array) -> Array:
     """Whether each sample (N, d) is near the median: an instrument's wild readings are not."""
     off = np.abs(samples - np.median(samples, axis=0))
-    scale = 1.4826 * np.median(off, axis=0)
-    return np.asarray((off <= np.maximum(_OUTLYING * scale, 1e-12 + 1e-9 * np.abs(samples).max())).all(axis=1))
+    return np.asarray(
+        (off <= np.maximum(_OUTLYING * mad_sigmas(samples), 1e-12 + 1e-9 * np.abs(samples).max())).all(axis=1)
+    )
 
 
 def autocorrelation_time(away: Sequence[Array]) -> float:

@@ -1,6 +1,6 @@
 """What fleets bring to the commands and the figures."""
 
-from inspector.plugins import Command, CommandOptions, Figures
+from inspector.plugins import Command, CommandOptions, Figures, PipExtra
 
 CONTRIBUTIONS = (
     Command(
@@ -18,5 +18,6 @@ CONTRIBUTIONS = (
     CommandOptions(
         "calibrate", "inspector.extras.fleet.options:TypeOptions", "inspector.extras.fleet.from_type:FromType"
     ),
+    PipExtra("fleet", ("pebble", "distributed")),
     Figures("inspector.extras.fleet.figures", ("fleet_errors",)),
 )
