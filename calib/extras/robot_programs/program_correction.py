@@ -239,7 +239,10 @@ class _Ways:
                 break
             self._open |= doubts
         left = {place: each for place, (_, each) in self._poses.items() if place not in found}
-        return found | {place: replace(each, reason=self._open.get(place, _NOT_TOLD)) for place, each in left.items()}
+        reasons = {place: {self._lacks(before, found) for before, _ in self._ways(place)} for place in left}
+        singular = {place: _SINGULAR for place, each in reasons.items() if _SINGULAR in each}
+        told = dict.fromkeys(left, _NOT_TOLD) | singular | self._open
+        return found | {place: replace(each, reason=told[place]) for place, each in left.items()}
 
     def _spread(self) -> dict[int, _Known]:
         """Joints of the poses that can be reached from known ones, each by its first way."""
@@ -265,11 +268,16 @@ class _Ways:
         for before, is_joint in self._ways(place):
             q = self._end(before, is_joint, place, found)
             if q is None:
-                return _NOT_TOLD if self._known_at(before, found) is None else _SINGULAR
+                return self._lacks(before, found)
             own = found[place].q
             if own is not None and not same_posture(q, own):
                 return "the targets that may stand before it lead to several postures there"
         return ""
+
+    def _lacks(self, before: int, found: dict[int, _Known]) -> str:
+        """Why the way from a place does not tell a posture."""
+        known = self._known_at(before, found)
+        return _NOT_TOLD if known is None or known.q is None else _SINGULAR
 
     def _ways(self, place: int) -> list[tuple[int, bool]]:
         """Places before a pose, and whether a joint motion leads from each to it."""

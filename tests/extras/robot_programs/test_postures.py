@@ -143,3 +143,11 @@ def test_behind_a_motion_to_nowhere_known_no_posture_is_told(name: str, moves: s
     if language == "URScript":
         text = f"set_tcp(p[0,0,0,0,0,0])\nmovej({start.tolist()})\n{moves}\nmovel({pose})\n"
     assert [move.reached for move in corrected(KUKA, name, text, tmp_path).targets] == [True, False]
+
+
+def test_a_way_through_a_singular_posture_tells_none(tmp_path: Path) -> None:
+    start = np.array([0.4, -1.4, 1.3, 0.0, 0.3, -0.7])
+    flipped = KUKA.stands(start * [1, 1, 1, 1, -1, 1])  # the wrist has to pass the middle, or to turn over
+    text = f"{HEAD}{axes(start)}LIN {{{listed('KRL', makers('KRL', flipped))}}}\nEND\n"
+    (_, left) = corrected(KUKA, "a.src", text, tmp_path).targets
+    assert "passes a singular posture" in left.reason
