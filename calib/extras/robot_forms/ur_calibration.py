@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.frames import rotation_from_rpy, wrapped_angle
+from calib.frames import wrapped_angle
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import CalibratedFile
 from calib.robot_formats.chain.calibrated_origins import with_calibration
-from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
+from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of, row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 from calib.robot_formats.robot_file import ReadOptions, RobotFile, of_chain
 from calib.robot_formats.urdf.safe_xml import read_bytes
@@ -102,18 +102,9 @@ def nominal_rows(model: str) -> Array:
 
 def chain_of_standard(rows: Array, name: str) -> SerialChain:
     """Chain of a standard Denavit-Hartenberg table (6, 4); row i leads from axis i to axis i + 1."""
-    ends = [_row(*row) for row in rows]
+    ends = [row_transform((a_mm, alpha, d_mm, theta, 0.0)) for theta, a_mm, d_mm, alpha in rows]
     joints = [ChainJoint(label, before) for label, before in zip(_NAMES, [np.eye(4), *ends[:-1]], strict=True)]
     return SerialChain(name, tuple(joints), ends[-1])
-
-
-def _row(theta: float, a_mm: float, d_mm: float, alpha: float) -> Array:
-    """Transform (4, 4) Rz(theta) Trans(a, 0, d) Rx(alpha)."""
-    out = np.eye(4)
-    turn = rotation_from_rpy([0.0, 0.0, theta])
-    out[:3, :3] = turn @ rotation_from_rpy([alpha, 0.0, 0.0])
-    out[:3, 3] = turn @ [a_mm, 0.0, d_mm]
-    return out
 
 
 def _deltas(path: Path) -> dict[str, list[float]]:
