@@ -10,10 +10,6 @@ eliminated they give n with information S, whatever the arm does. Each hypothesi
 and gives the others normal priors of a size that is averaged over; the likelihoods of all data, noise up to twice the
 pixels' included, are compared at equal prior odds (MacKay 1992). A lens found from the same images is unknown under
 every hypothesis.
-
-Of poses of a marker that another program measured there are no corners. The lens's error is then that of its focal
-length, with which distances grow, and of its first distortion, with which sights leave the middle and distances shrink:
-both turn the marker with the sight along which it is seen.
 """
 
 from __future__ import annotations
@@ -32,7 +28,7 @@ from calib.dataset.dataset import Points
 from calib.effects.link_errors import LinkErrors
 from calib.extras.camera.lens import FREE_NAMES, LENS_NAMES
 from calib.extras.camera.observed import CameraViews, camera_of
-from calib.extras.camera.view import ViewPose, pose_of_view, view_columns
+from calib.extras.camera.view import ViewPose, lens_equations, pose_of_view
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.scanner_frame import orthonormal
@@ -52,15 +48,11 @@ _RADIAL, _TANGENTIAL = 0.05, 0.005
 
 @dataclass(frozen=True)
 class ArmOrCamera(Brief):
-    """Probabilities of what is wrong, and the board's size over the declared one where the camera's side is free.
-
-    The board is a marker where another program measured its poses.
-    """
+    """Probabilities of what is wrong, and the board's size over the declared one where the camera's side is free."""
 
     probabilities: Mapping[str, float]  # by HYPOTHESES, summing to 1
     board_size: float  # the true over the declared, with arm and camera's side free
     board_size_sigma: float
-    of_marker: bool = False  # whose poses another program measured
 
     @property
     def board_is_off(self) -> bool:
@@ -81,11 +73,10 @@ class ArmOrCamera(Brief):
 
 @lru_cache(maxsize=4)  # text, document and verdict of one fit ask for it in turn
 def arm_or_camera(calibration: Calibration) -> ArmOrCamera | None:
-    """Probabilities of arm, camera, both or neither; None where no board or marker was fitted as full poses."""
+    """Probabilities of arm, camera, both or neither; None where no images of a board were fitted as full poses."""
     dataset, points = calibration.dataset, calibration.fitted_dataset.points
     camera = camera_of(dataset)
-    is_camera = camera is not None or dataset.scanner.is_camera
-    if not is_camera or calibration.residual != "pose" or points is None or calibration.model.added_effects:
+    if camera is None or calibration.residual != "pose" or points is None or calibration.model.added_effects:
         return None
     if set(calibration.options.fixed) & set(calibration.model.robot.parameter_names[:-_OF_TOOL]):  # held by the user
         return None
@@ -94,7 +85,7 @@ def arm_or_camera(calibration: Calibration) -> ArmOrCamera | None:
     observed = Observations.of(calibration.fitted_dataset, kept)
     observed = replace(observed, points=replace(observed.points.free_of(None), shared=None))
     seen = observed.points
-    side = _side_of_marker(seen) if camera is None else _side_of_views(camera, calibration, seen)
+    side = _side_of_views(camera, calibration, seen)
     return None if side is None else _compared(calibration, observed, side)
 
 
@@ -106,13 +97,7 @@ class _CameraSide:
     by_size: Array  # (M, 6, 1)
     of_images: Array  # (K,) data on the lens whatever the arm does
     image_rows: Array  # (K, L) their changes by the lens
-    lens_is_unknown: bool = False  # found from the same images
-    of_marker: bool = False  # whose poses another program measured
-
-
-def _by_size(places_mm: Array) -> Array:
-    """Changes (M, 6, 1) of measured poses at places (M, 3), camera's frame, by a usual error of the board's size."""
-    return np.concatenate([_BOARD_SHARE * places_mm, np.zeros_like(places_mm)], axis=1)[:, :, None]
+    lens_is_unknown: bool  # found from the same images
 
 
 def _side_of_views(views: CameraViews, calibration: Calibration, points: Points) -> _CameraSide | None:
@@ -123,27 +108,9 @@ def _side_of_views(views: CameraViews, calibration: Calibration, points: Points)
     free = [LENS_NAMES.index(name) for name in FREE_NAMES]
     scales = _lens_scales(views)[free]
     by_lens = np.stack([one.by_lens[:, free] for one in seen]) * scales
-    by_size = _by_size(np.stack([one.camera_T_board[:3, 3] for one in seen]))
+    places_mm = np.stack([one.camera_T_board[:3, 3] for one in seen])
+    by_size = np.concatenate([_BOARD_SHARE * places_mm, np.zeros_like(places_mm)], axis=1)[:, :, None]
     return _CameraSide(by_lens, by_size, *_lens_by_images(views, seen, free, scales), views.lens_from == "images")
-
-
-def _side_of_marker(points: Points) -> _CameraSide | None:
-    """Camera's side of a marker's poses that another program measured; None where one has no attitude.
-
-    A sight (x, y, 1) that is off by a small step s turns what is seen along it by z x s.
-    """
-    if points.orientations is None or not points.orientations.known.all() or np.any(points.xyz_mm[:, 2] <= 0.0):
-        return None
-    z = points.xyz_mm[:, 2]
-    sight = points.xyz_mm[:, :2] / z[:, None]
-    square = np.sum(sight**2, axis=1)
-    none = np.zeros_like(sight)
-    across = np.column_stack([-sight[:, 1], sight[:, 0]])  # turn by a step along the sight's own direction
-    focal = np.column_stack([none, z, -across, none[:, :1]]) * _FOCAL_SHARE
-    aside_mm = -z[:, None] * square[:, None] * sight  # nearer by twice of what the sight leaves the middle
-    radial = np.column_stack([aside_mm, -2.0 * square * z, square[:, None] * across, none[:, :1]]) * _RADIAL
-    by_lens = np.stack([focal, radial], axis=2)
-    return _CameraSide(by_lens, _by_size(points.xyz_mm), np.zeros(0), np.zeros((0, 2)), of_marker=True)
 
 
 def _seen(views: CameraViews, calibration: Calibration, points: Points) -> list[ViewPose] | None:
@@ -209,7 +176,7 @@ def _compared(calibration: Calibration, observed: Observations, side: _CameraSid
     whole = np.logaddexp.reduce(list(logs.values()))
     probabilities = {name: float(np.exp(value - whole)) for name, value in logs.items()}
     size_value, size_sigma = _board_size(data, _columns(padded, 1.0, 1.0, side.lens_is_unknown), dof)
-    return ArmOrCamera(probabilities, 1.0 + _BOARD_SHARE * size_value, _BOARD_SHARE * size_sigma, side.of_marker)
+    return ArmOrCamera(probabilities, 1.0 + _BOARD_SHARE * size_value, _BOARD_SHARE * size_sigma)
 
 
 def _moves(always: Array, observed: Observations) -> list[Array]:
@@ -255,15 +222,10 @@ def _lens_scales(views: CameraViews) -> Array:
 
 def _lens_by_images(views: CameraViews, seen: list[ViewPose], free: list[int], scales: Array) -> tuple[Array, Array]:
     """What the corners tell of the lens whatever the arm does: data (K,) and columns (K, K), in units of `scales`."""
-    numbers = np.array(views.lens.numbers)
-    information, right = np.zeros((len(free), len(free))), np.zeros(len(free))
-    for one in seen:
-        _, columns, by_numbers = view_columns(numbers, one.camera_T_board, one.view.board_mm)
-        flat, lens = columns.reshape(-1, 6), by_numbers.reshape(-1, len(numbers))[:, free] * scales
-        apart = lens - flat @ np.linalg.lstsq(flat, lens, rcond=None)[0]
-        information = information + apart.T @ apart / views.sigma_px**2
-        right = right + apart.T @ one.error_px.ravel() / views.sigma_px**2
-    size, ways = np.linalg.eigh(information)
+    information, right = lens_equations(np.array(views.lens.numbers), seen, free)
+    weight = scales / views.sigma_px
+    right = right * weight / views.sigma_px
+    size, ways = np.linalg.eigh(information * np.outer(weight, weight))
     root = np.sqrt(np.maximum(size, 0.0))
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 1e-9 * root.max())
     return inverse * (ways.T @ right), root[:, None] * ways.T

@@ -76,7 +76,7 @@ def _reprojection_document(views: tuple[ReprojectedView, ...]) -> dict[str, Any]
 _WRONG = {
     "neither": "neither errs beyond the noise",
     "arm": "the arm errs",
-    "camera": "the camera's side errs (lens, or the size of board or marker)",
+    "camera": "the camera's side errs (lens, or the size of the board)",
     "both": "both err",
 }
 
@@ -86,8 +86,7 @@ def _words(asked: ArmOrCamera) -> str:
     ordered = sorted(asked.probabilities.items(), key=lambda one: -one[1])
     said = [f"{_WRONG[name]}: {numbers.probability(p)}" for name, p in ordered if p >= _HARDLY or name == ordered[0][0]]
     told = asked.likeliest in ("camera", "both") and abs(asked.board_size - 1.0) > 2.0 * asked.board_size_sigma
-    seen = "marker" if asked.of_marker else "board"
-    return "; ".join([*said, *([f"the {seen} is {_board_size_words(asked)}"] if told else [])])
+    return "; ".join([*said, *([f"the board is {_board_size_words(asked)}"] if told else [])])
 
 
 def _board_size_words(asked: ArmOrCamera) -> str:
@@ -108,16 +107,12 @@ def _asked_document(asked: ArmOrCamera | None) -> dict[str, Any] | None:
 def _doubts(asked: ArmOrCamera) -> list[str]:
     """Sentence on a board or lens that is not as it was told, without capital; [] where it may be."""
     taken_up = "which the fitted links take up: take neither them nor distances from this fit"
-    seen = "marker" if asked.of_marker else "board"
     if asked.board_is_off:
-        then = "and tell its size to the program that measured its poses" if asked.of_marker else "and import it again"
-        return [f"by arm and camera the {seen} is {_board_size_words(asked)}, {taken_up}; measure it {then}."]
+        told = f"by arm and camera the board is {_board_size_words(asked)}, {taken_up}"
+        return [f"{told}; measure it and import it again."]
     if asked.camera_alone_errs:
-        then = "import without --intrinsics, or with those of this camera"
-        if asked.of_marker:
-            then = "calibrate the lens and measure the marker for the program that measured its poses"
         return [
             f"the camera's side errs, not the arm (probability {asked.probabilities['camera']:.2g}): its lens or the "
-            f"{seen} is not as it was told, {taken_up}; {then}."
+            f"board is not as it was told, {taken_up}; import without --intrinsics, or with those of this camera."
         ]
     return []

@@ -17,7 +17,7 @@ from calib.array_types import Array
 from calib.errors import CalibError, is_one_line
 from calib.frames import quaternion_from_rotation
 
-SUFFIXES = (".yaml", ".launch.py", ".launch", ".json", ".txt")
+SUFFIXES = (".yaml", ".launch.py", ".json")
 _FORBIDDEN = set("\"'<>&{}[]:#, \t\\")
 
 
@@ -66,14 +66,10 @@ def transform_text(path: Path, transforms: Sequence[StaticTransform]) -> str:
     name = path.name.lower()
     if name.endswith(".launch.py"):
         return _launch_py(transforms)
-    if name.endswith((".launch", ".launch.xml")):
-        return _launch_xml(transforms)
     if name.endswith((".yaml", ".yml")):
         return "---\n".join(_yaml(one) for one in transforms)
     if name.endswith(".json"):
         return json.dumps([_document(one) for one in transforms], indent=2) + "\n"
-    if name.endswith(".txt"):
-        return "".join(f"{one.command}\n" for one in transforms)
     raise CalibError(f"{path}: the form follows the suffix: {', '.join(SUFFIXES)}")
 
 
@@ -123,12 +119,3 @@ def _launch_py(transforms: Sequence[StaticTransform]) -> str:
         + "".join(nodes)
         + "        ]\n    )\n"
     )
-
-
-def _launch_xml(transforms: Sequence[StaticTransform]) -> str:
-    nodes = "".join(
-        f'  <node pkg="tf2_ros" type="static_transform_publisher" name="{one.child.replace("/", "_")}_publisher" '
-        f'args="{" ".join(map(repr, (*one.xyz_m, *one.xyzw)))} {one.parent} {one.child}" />\n'
-        for one in transforms
-    )
-    return f"<launch>\n{nodes}</launch>\n"

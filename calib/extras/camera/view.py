@@ -127,13 +127,7 @@ def found_lens(start: Lens, poses: Sequence[ViewPose]) -> FoundLens:
     numbers = np.array(start.numbers)
     poses = list(poses)
     for _ in range(_ROUNDS):
-        information, right = np.zeros((len(free), len(free))), np.zeros(len(free))
-        for one in poses:
-            _, columns, by_numbers = view_columns(numbers, one.camera_T_board, one.view.board_mm)
-            flat, by_free = columns.reshape(-1, 6), by_numbers.reshape(-1, len(numbers))[:, free]
-            apart = by_free - flat @ np.linalg.lstsq(flat, by_free, rcond=None)[0]
-            information += apart.T @ apart
-            right += apart.T @ one.error_px.ravel()
+        information, right = lens_equations(numbers, poses, free)
         scale = np.sqrt(np.diag(information))
         if not np.all(scale > 0.0):
             raise CalibError("the images do not tell the lens; give it by --intrinsics")
@@ -153,6 +147,18 @@ def found_lens(start: Lens, poses: Sequence[ViewPose]) -> FoundLens:
     covariance[np.ix_(free, free)] = sigma_px**2 * np.linalg.inv(shaped) / np.outer(scale, scale)
     lens = replace(start, numbers=tuple(map(float, numbers)), covariance=covariance)
     return FoundLens(lens, tuple(poses), sigma_px)
+
+
+def lens_equations(numbers: Array, poses: Sequence[ViewPose], free: Sequence[int]) -> tuple[Array, Array]:
+    """Normal equations (K, K), (K,) of some of a lens's numbers, the poses of the views eliminated, squared pixels."""
+    information, right = np.zeros((len(free), len(free))), np.zeros(len(free))
+    for one in poses:
+        _, columns, by_numbers = view_columns(numbers, one.camera_T_board, one.view.board_mm)
+        flat, by_free = columns.reshape(-1, 6), by_numbers.reshape(-1, len(numbers))[:, list(free)]
+        apart = by_free - flat @ np.linalg.lstsq(flat, by_free, rcond=None)[0]
+        information += apart.T @ apart
+        right += apart.T @ one.error_px.ravel()
+    return information, right
 
 
 def covariance_of(pose: ViewPose, sigma_px: float) -> Array:

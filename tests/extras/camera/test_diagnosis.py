@@ -7,9 +7,8 @@ import pytest
 
 from calib import FitOptions, calibrate, diagnose, load_dataset
 from calib.dataset.dataset import Dataset
-from calib.extras.camera.arm_or_camera import arm_or_camera
 from calib.extras.camera.board import board_of
-from calib.present.fit.calibration import calibration_warnings, table_doubts
+from calib.present.fit.calibration import calibration_warnings
 from inspector.cli.parser import main
 from tests.extras.camera.camera_dataset import simulated_dataset
 from tests.extras.camera.marker_poses import write_marker_poses
@@ -84,27 +83,3 @@ def test_marker_poses_of_an_arm_with_link_errors_hide_no_effect(tmp_path, capsys
     assert dataset.usual_residual == "pose"
     found = diagnose(dataset)
     assert found.missing == ("transmission_error",)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("link_mm", "swell", "likeliest"),
-    [(0.0, 1.0, "neither"), (1.0, 1.0, "arm"), (0.0, 1.01, "camera"), (1.0, 1.01, "both")],
-)
-def test_of_arm_and_marker_that_errs_is_told_which_was_wrong(link_mm, swell, likeliest, tmp_path, capsys):
-    rng = np.random.default_rng(3)
-    scene = Scene.draw(rng, on_flange=False, poses=20, link_mm=link_mm, link_deg=0.1 * link_mm)
-    joints, markers = scene.write_joints(tmp_path / "joints.csv"), tmp_path / "markers.csv"
-    write_marker_poses(scene, markers, rng, sigma_mm=0.1, sigma_deg=0.03, swell=swell)
-    told = ("import", str(tmp_path / "cell"), "--robot", "rb5", "--joints", str(joints), "--marker-poses", str(markers))
-    assert main((*told, "--mount", "room", "--sigma", "0.1")) == 0
-    dataset = load_dataset(tmp_path / "cell")
-    assert dataset.usual_residual == "pose"
-    calibration = calibrate(dataset)
-    found = arm_or_camera(calibration)
-    assert found.likeliest == likeliest
-    assert sum(found.probabilities.values()) == pytest.approx(1.0)
-    assert abs(found.board_size - 1.0 / swell) < 4.0 * found.board_size_sigma
-    said = [words for words in table_doubts(calibration) if "the marker is" in words]
-    assert bool(said) is (swell != 1.0)
-    capsys.readouterr()
