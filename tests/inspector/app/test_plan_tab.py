@@ -12,6 +12,7 @@ from calib.dataset.files.folder import write_dataset
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
 from inspector.markup.learn.effects import SETTLE
+from tests.support.app import idle
 from tests.support.browser import node_drawn, open_tab, says
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
@@ -28,8 +29,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.thorough
 def test_an_open_set_is_planned_for_in_one_click(app: App, page: Any) -> None:
-    found = app.state.session.diagnosis
-    assert found.verdict == "ambiguous"
+    app.find(True)
+    idle(app)
+    assert app.state.session.diagnosis.verdict == "ambiguous"
     open_tab(page, "What is missing")
     page.get_by_text(SETTLE).first.click()
     says(page, "the probability that they do is")

@@ -53,6 +53,8 @@ def buttons(page: WireClient, label: str) -> int:
 def test_poses_that_a_diagnosis_names_are_left_out_as_one_change(tmp_path: Path) -> None:
     folder, ids = write_outlying(tmp_path / "uneven", 2004, UNNAMED)
     with idle_app(folder) as app, WireClient(app.server.get_port()) as page:
+        app.find(True)
+        idle(app)
         session = app.state.session
         poses = session.residual_tests.outlier_poses
         assert set(poses) <= set(ids)
