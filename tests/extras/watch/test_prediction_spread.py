@@ -107,8 +107,8 @@ def test_an_arm_against_itself_is_unchanged_whatever_the_noise() -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_some_hundred_arms_against_themselves_are_unchanged() -> None:
-    watch_itself(range(40, 440))
+def test_many_arms_against_themselves_are_unchanged() -> None:
+    watch_itself(range(40, 200))
 
 
 @pytest.mark.slow
