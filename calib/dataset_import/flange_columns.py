@@ -22,6 +22,7 @@ _TURNS = {
     ("o", "a", "t"): (ZYZ,),
     ("roll", "pitch", "yaw"): (FIXED,),
     ("rvecx", "rvecy", "rvecz"): (VECTOR,),
+    ("rotx", "roty", "rotz"): (VECTOR,),
 }
 _QUATERNIONS = (("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"))  # of the second the file does not tell the order
 _PLACES = (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"))
@@ -53,7 +54,7 @@ def flange_columns(table: UserTable) -> FlangeColumns | None:
             return tuple(each) if all(each) else ()
 
         place = next(filter(None, map(found, _PLACES)), ())
-        if not place:
+        if not place or any(f"{before}x" == turns[0] for turns in _TURNS):
             continue
         for turns, forms in _TURNS.items():
             if attitude := found(turns):

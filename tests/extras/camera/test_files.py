@@ -153,6 +153,20 @@ def test_marker_poses_of_other_programs_are_read(tmp_path, form):
     assert found.names == (("a", "b") if form == "csv" else None)
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        "tvec_x_m,tvec_y_m,tvec_z_m,rvec_x,rvec_y,rvec_z", "x_m,y_m,z_m,rotx,roty,rotz", "tx_m,ty_m,tz_m,rx,ry,rz",
+    ],
+)  # fmt: skip
+def test_the_place_of_a_marker_is_not_taken_for_its_turn(tmp_path, header):
+    path = tmp_path / "poses.csv"
+    path.write_text(f"{header}\n{','.join(map(repr, [*POSE.tolist(), *TURN.as_rotvec().tolist()]))}\n")
+    (found,) = load_marker_poses(path).camera_T_marker
+    assert found[:3, 3] == pytest.approx(1000 * POSE)
+    assert np.abs(found[:3, :3] - TURN.as_matrix()).max() < 1e-9
+
+
 def test_lengths_without_a_unit_are_asked_for(tmp_path):
     path = tmp_path / "poses.json"
     path.write_text(json.dumps({"rvecs": [[0, 0, 1]], "tvecs": [[0, 0, 1]]}))

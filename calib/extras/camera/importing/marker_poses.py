@@ -9,6 +9,7 @@ rotation vector rx, ry, rz in rad). Tables of the flange's poses are read by `fl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,10 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.dataset_import.flange_columns import VECTOR, flange_columns
 from calib.errors import CalibError
 from calib.extras.camera.importing.documents import SUFFIXES, documents, number_array
-from calib.text_files.user_table import UserTable, load_table
+from calib.text_files.user_table import UNITS, UserTable, load_table, split_unit
 
 EASY_HANDEYE = "robot"  # name of the arm's pose in a sample of easy_handeye
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -227,41 +229,29 @@ def _of_table(path: Path, unit: str | None) -> MarkerPoses:
     """Poses of a table. Raises CalibError."""
     faults: list[str] = []
     table = load_table(path, lambda fault: faults.append(str(fault)), any_encoding=True)
-    columns = {name.strip().lower(): name for name in table.columns}
-    shift, told = _three(columns, ("x", "y", "z"), ("tx", "ty", "tz"), ("tvec_x", "tvec_y", "tvec_z"))
-    if shift is None:
-        raise CalibError(f"{path}: line 1: found {', '.join(table.columns)}; columns x, y, z or tx, ty, tz are needed")
-    quaternion = [columns.get(name) for name in ("qw", "qx", "qy", "qz")]
-    vector, _ = _three(columns, ("rx", "ry", "rz"), ("rvec_x", "rvec_y", "rvec_z"), ("rotx", "roty", "rotz"))
-    unit = _required(path, told or unit)
-    shift_mm = _numbers(table, shift, faults) * UNITS_MM[unit]
-    if all(quaternion):
-        values = _numbers(table, [str(name) for name in quaternion], faults)
-        if not faults:
-            poses = [_transform(f"{path}: line {table.lines[i]}", values[i], shift_mm[i]) for i in range(len(shift_mm))]
-    elif vector is not None:
-        rotation = frames.rotation_from_rotvec(_numbers(table, vector, faults))
-        poses = list(frames.make_transform(rotation, shift_mm))
-    else:
-        raise CalibError(f"{path}: line 1: a quaternion qx, qy, qz, qw or a rotation vector rx, ry, rz is needed")
+    columns = flange_columns(table)
+    if columns is None or not (len(columns.attitude) == 4 or VECTOR in columns.forms):
+        raise CalibError(
+            f"{path}: line 1: found {', '.join(table.columns)}; columns x, y, z or tx, ty, tz are needed, and a "
+            "quaternion qx, qy, qz, qw or a rotation vector rx, ry, rz"
+        )
+    told = split_unit(columns.place[0])[1]
+    unit = _required(path, told if told in UNITS_MM else unit)
+    shift_mm, turn = _numbers(table, columns.place, faults) * UNITS_MM[unit], _numbers(table, columns.attitude, faults)
+    if len(columns.attitude) == 4 and not faults:
+        poses = [_transform(f"{path}: line {table.lines[i]}", turn[i], shift_mm[i]) for i in range(len(shift_mm))]
+    elif not faults:
+        in_deg = UNITS.get(split_unit(columns.attitude[0])[1], "") == "deg"
+        poses = list(frames.make_transform(frames.rotation_from_rotvec(np.radians(turn) if in_deg else turn), shift_mm))
     if faults:
         raise CalibError("\n".join(faults))
     if not len(shift_mm):
         raise CalibError(f"{path}: holds no pose of a marker")
-    pose = next((columns[name] for name in ("pose", "image", "id", "name") if name in columns), None)
+    named = {name.strip().lower(): name for name in table.columns}
+    pose = next((named[name] for name in ("pose", "image", "id", "name") if name in named), None)
     names = None if pose is None else tuple(table.text(pose))
     return MarkerPoses(np.stack(poses), names, f"{len(poses)} poses of a marker, lengths in {unit}")
 
 
-def _three(columns: dict[str, str], *choices: tuple[str, str, str]) -> tuple[list[str] | None, str | None]:
-    """Names of three columns, perhaps with a unit behind, and that unit."""
-    for choice in choices:
-        for unit in (None, *UNITS_MM, "rad"):
-            names = [columns.get(name if unit is None else f"{name}_{unit}") for name in choice]
-            if all(names):
-                return [str(name) for name in names], unit if unit in UNITS_MM else None
-    return None, None
-
-
-def _numbers(table: UserTable, names: list[str], faults: list[str]) -> Array:
+def _numbers(table: UserTable, names: Sequence[str], faults: list[str]) -> Array:
     return np.column_stack([table.numbers(name, lambda fault: faults.append(str(fault))) for name in names])
