@@ -46,6 +46,8 @@ from calib.options import LINKS, FitOptions
 
 UNTOLD_TOOL_KG = 2.0
 """Sigma of the mass of a tool that was found where robot.toml has none: a probe or a gripper."""
+HEAVY_FROM_MM = 50.0
+"""How far off a tool point is at least that a tool of some weight holds there, rather than the foot of a mirror."""
 _LENGTH_ROUNDS = 6  # in which the lines of measured lengths are made anew
 _SAME_LINE_MM = 0.05  # by which the end of a line may still move: of a metre it changes the length by a nanometre
 
@@ -344,6 +346,8 @@ def _with_untold_tool(robot: Robot, model: Model, observed: Observations) -> Rob
     """The robot with a tool as heavy as it may be where no file tells its mass; None where that is of no use."""
     told = tells_tool_mass(robot, observed.poses.payload_kg) or not has_masses(robot)
     if model.tool_found is None or told or not model.added_effects:
+        return None
+    if np.linalg.norm(tool_point_of(model.tool_found) - tool_point_of(model.robot)) < HEAVY_FROM_MM:
         return None
     x_mm, y_mm, z_mm = (0.5 * tool_point_of(model.tool_found)).tolist()
     return replace(robot, tool=replace(robot.tool, mass_kg=UNTOLD_TOOL_KG, com_mm=(x_mm, y_mm, z_mm)))

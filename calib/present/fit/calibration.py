@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from calib.array_types import Array
+from calib.calibration.calibrate import HEAVY_FROM_MM
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.model_versions import Version
 from calib.calibration.mount import CameraPlace, Mount, camera_places, mounts
@@ -255,7 +256,8 @@ def tool_mass_question(calibration: Calibration) -> list[str]:
     """Sentence that asks for the mass of a tool that robot.toml has elsewhere; [] where it is told or of no use."""
     robot = calibration.dataset.robot
     told = tells_tool_mass(robot, calibration.dataset.poses.payload_kg)
-    if calibration.tool_shift is None or told or not has_masses(robot):
+    shift = calibration.tool_shift
+    if shift is None or shift.off_mm < HEAVY_FROM_MM or told or not has_masses(robot):
         return []
     return [
         "what reaches so far weighs something, and no file tells how much: give its mass, mass_kg under [tool] of "
