@@ -21,6 +21,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.mount import camera_places
 from calib.calibration.promise import misfit_inflation
 from calib.calibration.result import Calibration, times_declared_noise
 from calib.errors import FitError
@@ -65,6 +66,19 @@ class ParameterChange:
 
 
 @dataclass(frozen=True)
+class CameraShift:
+    """By how far a camera's place differs between two calibrations, along and about the axes of its parent."""
+
+    parent: str  # "flange" or "base"
+    setup: str
+    shift_mm: Array  # (3,)
+    turn_deg: Array  # (3,) rotation vector
+    sigma_mm: Array  # (3,) where nothing was moved
+    sigma_deg: Array  # (3,)
+    p_same: float  # p-value of the difference, where nothing was moved
+
+
+@dataclass(frozen=True)
 class Comparison(Presented):
     """Differences between two calibrations, the second minus the first."""
 
@@ -79,11 +93,12 @@ class Comparison(Presented):
     largest_mm: float
     largest_pose: str
     times_noise: tuple[float | None, float | None] = (None, None)  # residual over the declared noise, of each
+    cameras: tuple[CameraShift, ...] = ()  # of each placement that both have
 
     @property
     def differs(self) -> bool:
         """Whether any change exceeds the noise."""
-        return bool(self.changes) or any(self.only_in)
+        return bool(self.changes) or any(self.only_in) or any(camera.p_same < ALPHA for camera in self.cameras)
 
     def _brief(self) -> str:
         changed = ", ".join(change.name for change in self.changes) or "no parameter"
@@ -111,7 +126,33 @@ def comparison_of(one: Calibration, other: Calibration, names: tuple[str, str] |
         largest_mm,
         pose,
         (times_declared_noise(one), times_declared_noise(other)),
+        _cameras(one, other),
     )
+
+
+def _cameras(one: Calibration, other: Calibration) -> tuple[CameraShift, ...]:
+    """Differences of the places of cameras that both calibrations found."""
+    for data in (one.dataset, other.dataset):
+        if not (data.scanner.is_camera or any(kind.instrument == "camera" for kind in data.kinds_of_attachments)):
+            return ()
+    found = []
+    theirs = {place.setup: place for place in camera_places(other)}
+    for mine in camera_places(one):
+        then = theirs.get(mine.setup)
+        if then is None or then.parent != mine.parent:
+            continue
+        turn = frames.rotvec_from_rotation(then.parent_T_camera[:3, :3] @ mine.parent_T_camera[:3, :3].T)
+        off = np.concatenate([then.xyz_mm - mine.xyz_mm, turn])
+        covariance = mine.covariance_with_table + then.covariance_with_table
+        scale = np.sqrt(np.diag(covariance))
+        square = off / scale @ np.linalg.solve(covariance / np.outer(scale, scale), off / scale)
+        degrees = np.degrees(np.concatenate([off[3:], scale[3:]]))
+        found.append(
+            CameraShift(
+                mine.parent, mine.setup, off[:3], degrees[:3], scale[:3], degrees[3:], chi2_sf(float(square), len(off))
+            )
+        )
+    return tuple(found)
 
 
 def _parameters(

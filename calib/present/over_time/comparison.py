@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from calib.calibration.evaluation import Evaluation
 from calib.present import names
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Paragraph, Presentation, Section, Table, Verdict
 from calib.rendering.colours import DOUBT, GOOD
-from calib.validation.comparison import ALPHA, Comparison, ParameterChange, ParameterDifference
+from calib.validation.comparison import ALPHA, CameraShift, Comparison, ParameterChange, ParameterDifference
 
 _MANY = 2.0  # times the declared noise, from which a fit is said to leave much
+_AT = {"flange": "on the flange", "base": "in the room"}
 APART = 2.0  # sigmas from which a parameter is listed as different
 
 
@@ -35,7 +38,17 @@ def comparison_head(compared: Comparison) -> list[Block]:
     ]
     head: list[Block] = [Verdict(comparison_verdict(compared), DOUBT if compared.differs else GOOD)]
     left = map(misfit_sentence, compared.names, compared.times_noise)
-    return [*head, *(Paragraph(sentence) for sentence in (*only, *left) if sentence)]
+    cameras = map(camera_sentence, compared.cameras)
+    return [*head, *(Paragraph(sentence) for sentence in (*cameras, *only, *left) if sentence)]
+
+
+def camera_sentence(camera: CameraShift) -> str:
+    """Sentence on whether a camera stands elsewhere, and by how much."""
+    named = f"The camera{f' of {camera.setup}' if camera.setup else ''} {_AT[camera.parent]}"
+    by = f"{numbers.length(float(np.linalg.norm(camera.shift_mm)))} and {float(np.linalg.norm(camera.turn_deg)):.2g}°"
+    if camera.p_same < ALPHA:
+        return f"{named} stands elsewhere, by {by} ({numbers.probability(camera.p_same)} by chance)."
+    return f"{named} stands where it was: it differs by {by}, which the noise explains."
 
 
 def misfit_sentence(name: str, times_noise: float | None) -> str:
@@ -130,6 +143,7 @@ def _comparison_document(compared: Comparison) -> dict[str, Any]:
         "parameters": compared.parameters,
         "only_in": compared.only_in,
         "times_noise": compared.times_noise,
+        "cameras": compared.cameras,
         "tool_point": {"rms_mm": compared.rms_mm, "max_mm": compared.largest_mm, "pose": compared.largest_pose},
         "errors": [{"before": before, "after": after} for before, after in compared.errors],
         "explanation": comparison_verdict(compared),

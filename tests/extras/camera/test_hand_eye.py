@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib import calibrate
+from calib import calibrate, compare
 from calib.calibration.mount import camera_places
 from calib.calibration.result import declared_sigma_mm
 from calib.dataset.files.folder import write_dataset
@@ -238,3 +238,22 @@ def test_places_of_cameras_on_an_arm_that_errs_are_as_certain_as_told(on_flange,
         off.append(place_errors(scene, place) / np.sqrt(np.diag(place.covariance)))
     assert np.mean(np.abs(off) < 1.645) > 0.8
     assert np.sqrt(np.mean(np.square(off))) > 0.5
+
+
+@pytest.mark.parametrize("moved_mm", [0.0, 1.0])
+def test_a_comparison_tells_whether_the_camera_stands_elsewhere(moved_mm):
+    rng = np.random.default_rng(31)
+    scene = Scene.draw(rng, on_flange=True, poses=14)
+    elsewhere = scene.parent_T_camera.copy()
+    elsewhere[0, 3] += moved_mm
+    later = replace(scene, parent_T_camera=elsewhere).more_poses(rng, 14)
+    fits = [
+        calibrate(simulated_dataset(one, BOARD, rng, sigma_px=0.1, lens=true_lens()), residual="pose", fixed=["links"])
+        for one in (scene, later)
+    ]
+    compared = compare(*fits)
+    (camera,) = compared.cameras
+    assert camera.parent == "flange"
+    assert camera.shift_mm == pytest.approx([moved_mm, 0.0, 0.0], abs=0.15)
+    assert compared.differs is (moved_mm > 0.0)
+    assert ("stands elsewhere" in compared.summary()) is (moved_mm > 0.0)
