@@ -48,11 +48,23 @@ def local_workers(count: int, limit_s: float) -> Iterator[Workers]:
     import pebble
 
     spawn = multiprocessing.get_context("spawn")
-    with pebble.ProcessPool(count, context=spawn, initializer=_begin) as pool:
+    pools = [pebble.ProcessPool(count, context=spawn, initializer=_begin)]
+
+    def start(fn: Callable[..., Any], args: tuple[Any, ...]) -> Future[Any]:
+        future: Future[Any]
         try:
-            yield Workers(_Limited(lambda fn, args: pool.schedule(fn, args, timeout=limit_s)), count)
-        finally:
+            future = pools[-1].schedule(fn, args, timeout=limit_s)
+        except RuntimeError:  # a process that dies before it has a task ends its pool
+            pools.append(pebble.ProcessPool(count, context=spawn, initializer=_begin))
+            future = pools[-1].schedule(fn, args, timeout=limit_s)
+        return future
+
+    try:
+        yield Workers(_Limited(start), count)
+    finally:
+        for pool in pools:
             pool.stop()  # in the middle of what was not waited for
+            pool.join()
 
 
 def _begin() -> None:

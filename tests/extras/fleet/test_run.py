@@ -198,6 +198,11 @@ def test_a_process_that_dies_or_takes_too_long_costs_its_task_alone() -> None:
         assert "took longer" in _settled(late)
         assert "died" in _settled(dead)
         assert workers.executor.submit(os.getpid).result() != os.getpid()
+        for child in multiprocessing.active_children():  # none of which is at a task
+            child.kill()
+        lost = workers.executor.submit(pow, 2, 3)
+        assert lost.exception(30.0) is not None or lost.result() == 8
+        assert workers.executor.submit(pow, 2, 4).result() == 16
         workers.executor.submit(time.sleep, 600)  # the end waits for nothing
 
 
