@@ -22,6 +22,7 @@ from calib.errors import CalibError
 from calib.options import FitOptions
 from calib.planning.discrimination import discriminating_poses, nearest_alternative, next_poses
 from calib.rendering import numbers
+from calib.screening.blunders import without_blunders
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import run_residual_tests
 from inspector.session.measuring import with_face_labels
@@ -50,6 +51,9 @@ def with_calibration(session: Session, residual: str | None = None) -> Session:
     measured = session.measured_for(residual)
     measured = without_poses(measured, stand_out) if stand_out else measured
     result = calibrate_with(measured, session.effects, asked.with_residual(residual))
+    if not keeps:
+        result = without_blunders(result)
+        stand_out = tuple(pose_id for pose_id in result.dataset.left_out if pose_id not in measured.left_out)
     return with_steps(session, (*before, FitStep(label, session.effects, result, left_out=stand_out)))
 
 
