@@ -392,6 +392,11 @@ class Dataset(Presented):
         return tuple(kind for kind in contributions(Attachment) if kind.name in self.attachments)
 
     @property
+    def is_by_camera(self) -> bool:
+        """Whether a camera measured, whose own place is what is asked for, and not a tracker or scanner."""
+        return self.scanner.is_camera or any(kind.instrument == "camera" for kind in self.kinds_of_attachments)
+
+    @property
     def usual_residual(self) -> str:
         """Kind of residual that is fitted unless another is asked for."""
         return usual_residual(

@@ -12,6 +12,7 @@ from calib.brief import Brief
 from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import Figures
 from calib.calibration.held_out import HeldOutTest, held_out_test
+from calib.calibration.mount import camera_places
 from calib.calibration.noise_level import FIT, NoiseLevel, check_sigma, noise_level
 from calib.calibration.plausibility import fit_without_outliers, implausibility_reason, too_good
 from calib.calibration.promise import learned_discrepancy
@@ -335,15 +336,29 @@ def _floor_mm(level: NoiseLevel) -> float:
 
 def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
     fit, shift, robust = calibration.fit, calibration.tool_shift, fit_without_outliers(calibration)
+    by_camera = calibration.dataset.is_by_camera  # whose board no file places on the arm
     return [
         CheckItem("fit", fit.converged, calibration),
-        *([] if shift is None else [CheckItem("tool point", None, shift, warning=True)]),
+        *([] if shift is None else [CheckItem("tool point", None, shift, warning=not by_camera)]),
+        *(_camera(calibration) if by_camera else ()),
         *(CheckItem("robot table", None, entry, warning=True) for entry in doubtful_entries(calibration)),
         *([] if robust is None else [CheckItem("outliers", None, OutlyingPoses(calibration, robust), warning=True)]),
         *(CheckItem("fit", None, note) for note in calibration.after.notes),
         *_test_poses(calibration, max_test_rmse_mm),
         *_residual(calibration),
     ]
+
+
+def _camera(calibration: Calibration) -> list[CheckItem]:
+    """Check items on how well a camera's place is known, in each setup; failed where the poses do not determine it."""
+    items = []
+    for place in camera_places(calibration):
+        place_mm, turn_rad = np.split(np.sqrt(np.diag(place.covariance)), 2)
+        known = bool(np.isfinite(place.covariance).all())
+        found = f"place in the {place.parent}'s frame known to {place_mm.max():.2g} mm"
+        words = f"{found}, attitude to {np.degrees(turn_rad.max()):.2g}°" if known else "the poses do not determine it"
+        items.append(CheckItem("camera", known, f"{words}, setup {place.setup}" if place.setup else words))
+    return items
 
 
 def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
@@ -355,7 +370,7 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
     good: bool | None = test.rmse_mm < before.rmse_mm
     if max_test_rmse_mm is not None:
         good = test.rmse_mm <= max_test_rmse_mm
-    elif not calibration.fits_links:  # then it cannot fall
+    elif not calibration.fits_links or calibration.dataset.is_by_camera:  # it cannot fall, or need not
         good = None
     items = [CheckItem("test poses", good, errors)]
     if train is not None and train.rmse_mm > 0.0:

@@ -132,9 +132,8 @@ def comparison_of(one: Calibration, other: Calibration, names: tuple[str, str] |
 
 def _cameras(one: Calibration, other: Calibration) -> tuple[CameraShift, ...]:
     """Differences of the places of cameras that both calibrations found."""
-    for data in (one.dataset, other.dataset):
-        if not (data.scanner.is_camera or any(kind.instrument == "camera" for kind in data.kinds_of_attachments)):
-            return ()
+    if not (one.dataset.is_by_camera and other.dataset.is_by_camera):
+        return ()
     found = []
     theirs = {place.setup: place for place in camera_places(other)}
     for mine in camera_places(one):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib import calibrate, compare
+from calib import calibrate, check, compare
 from calib.calibration.mount import camera_places
 from calib.calibration.result import declared_sigma_mm
 from calib.dataset.files.folder import write_dataset
@@ -257,3 +257,13 @@ def test_a_comparison_tells_whether_the_camera_stands_elsewhere(moved_mm):
     assert camera.shift_mm == pytest.approx([moved_mm, 0.0, 0.0], abs=0.15)
     assert compared.differs is (moved_mm > 0.0)
     assert ("stands elsewhere" in compared.summary()) is (moved_mm > 0.0)
+
+
+def test_a_cameras_set_is_checked_by_what_it_tells_of_the_camera():
+    rng = np.random.default_rng(11)
+    scene = Scene.draw(rng, on_flange=False, poses=20)
+    dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1)
+    items = {item.name: item for item in check(dataset).items}
+    assert items["camera"].status == "ok"
+    assert "place in the base's frame known to" in items["camera"].evidence
+    assert items["test poses"].passed is None  # links that are as the table has them cannot get better
