@@ -126,11 +126,11 @@ def comparison_of(one: Calibration, other: Calibration, names: tuple[str, str] |
         largest_mm,
         pose,
         (times_declared_noise(one), times_declared_noise(other)),
-        _cameras(one, other),
+        camera_shifts(one, other),
     )
 
 
-def _cameras(one: Calibration, other: Calibration) -> tuple[CameraShift, ...]:
+def camera_shifts(one: Calibration, other: Calibration) -> tuple[CameraShift, ...]:
     """Differences of the places of cameras that both calibrations found."""
     if not (one.dataset.is_by_camera and other.dataset.is_by_camera):
         return ()

@@ -36,6 +36,7 @@ from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family
 from calib.screening.member_columns import visible_columns
 from calib.screening.projected_residual import project_residual
 from calib.statistics import chi2_sf
+from calib.validation.comparison import CameraShift, camera_shifts
 
 CONFIRMED = 0.01
 """p-value of a cause in one recording, given the others, up to which it confirms them."""
@@ -80,6 +81,7 @@ class Recurrence(Presented):
     names: tuple[str, ...]  # of the recordings
     causes: tuple[RepeatedCause, ...]
     alone: tuple[tuple[str, ...], ...]  # effects that each recording's own diagnosis names
+    cameras: tuple[tuple[str, CameraShift], ...] = ()  # recordings after the first, by how far a camera moved since it
 
     @property
     def verdict(self) -> Verdict:
@@ -116,7 +118,9 @@ def recurrence_of(fits: Sequence[Calibration], *, on_step: Callable[[str], None]
     further = {name for own in alone for name in own} - {one.name for one in common}
     for family in (one for one in _shared_families(fits) if one.name in further):
         rows += _rows(fits, names, [*common, _CommonEffect.whole(family)], alone, {one.name for one in common})
-    return Recurrence(tuple(names), tuple(rows), tuple(alone))
+    later = zip(names[1:], fits[1:], strict=True)
+    cameras = [(name, shift) for name, fit in later for shift in camera_shifts(fits[0], fit)]
+    return Recurrence(tuple(names), tuple(rows), tuple(alone), tuple(cameras))
 
 
 def _distinct(names: Sequence[str]) -> list[str]:

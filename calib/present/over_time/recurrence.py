@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from calib.present.results import document, presentation
+from calib.present.over_time.comparison import camera_sentence
+from calib.present.results import document, presentation, to_dict
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -27,7 +28,8 @@ from calib.validation.repeat import Recurrence, RepeatedCause
 def _recurrence(found: Recurrence) -> Presentation:
     colour = GOOD if found.verdict == "repeats" else DOUBT
     head: list[Block] = [Verdict(_verdict(found), colour)]
-    told: list[Words] = [*map(_comes_back, _back(found)), *_against(found)]
+    places = [f"{name} beside {found.names[0]}: {camera_sentence(shift)}" for name, shift in found.cameras]
+    told: list[Words] = [*map(_comes_back, _back(found)), *_against(found), *places]
     if told:
         head.append(Bullets(told))
     return Presentation(
@@ -116,6 +118,7 @@ def _recurrence_document(found: Recurrence) -> dict[str, Any]:
     return {
         "recordings": found.names,
         "verdict": found.verdict,
+        "cameras": [{"recording": name, **to_dict(shift)} for name, shift in found.cameras],
         "causes": [
             {
                 "cause": cause.cause,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import struct
 from io import BytesIO
 from pathlib import Path
 
@@ -10,6 +11,9 @@ import numpy as np
 
 from calib.errors import ScanError
 from calib.scans.readers.parsing import PointsAndNormals, one_line, require_bounded, truncated
+
+_HEADER_BYTES = 227  # of version 1.0; 1.4 has 375
+_RECORD_BYTES = 54  # of a variable-length record's own header
 
 
 def read_las(path: Path, content: bytes) -> PointsAndNormals:
@@ -21,6 +25,7 @@ def read_las(path: Path, content: bytes) -> PointsAndNormals:
             f"{path}: .las and .laz are read by laspy, which is not installed: "
             "pip install 'robot-calibration-inspector[laz]', or export the scan as .ply"
         ) from None
+    _refuse_countless_records(path, content)
     logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it says stands in the error
     try:
         with laspy.open(BytesIO(content)) as reader:
@@ -36,3 +41,13 @@ def read_las(path: Path, content: bytes) -> PointsAndNormals:
         raise
     except BaseException as error:  # a panic of Rust is no Exception
         raise ScanError(f"{path}: not a readable .las ({one_line(error)}); copy or export the scan again") from None
+
+
+def _refuse_countless_records(path: Path, content: bytes) -> None:
+    """Raise ScanError for a header that counts more records than there are bytes, which laspy would try to read."""
+    if len(content) < _HEADER_BYTES:
+        return  # no header at all, which laspy says
+    header, first, records = struct.unpack_from("<HII", content, 94)
+    further = struct.unpack_from("<I", content, 243)[0] if content[25] >= 4 and len(content) >= 247 else 0
+    if _RECORD_BYTES * records > max(first - header, 0) or _RECORD_BYTES * further > len(content):
+        raise ScanError(f"{path}: the header is damaged ({records + further} records); export the scan again")

@@ -20,6 +20,7 @@ from calib.extras.camera.board import board_of
 from calib.extras.camera.reprojection import reprojected_views, rms_px
 from calib.extras.camera.view import covariance_of
 from calib.kinematics.robot import FixedFrame, Tool
+from calib.validation.repeat import recurrence_of
 from inspector.cli.parser import main
 from inspector.figures import reprojection, to_svg
 from tests.extras.camera.camera_dataset import simulated_dataset, simulated_views, true_lens
@@ -257,6 +258,10 @@ def test_a_comparison_tells_whether_the_camera_stands_elsewhere(moved_mm):
     assert camera.shift_mm == pytest.approx([moved_mm, 0.0, 0.0], abs=0.15)
     assert compared.differs is (moved_mm > 0.0)
     assert ("stands elsewhere" in compared.summary()) is (moved_mm > 0.0)
+    again = recurrence_of(fits)
+    ((_, since),) = again.cameras
+    assert np.array_equal(since.shift_mm, camera.shift_mm)
+    assert ("stands elsewhere" in again.summary()) is (moved_mm > 0.0)
 
 
 def test_a_cameras_set_is_checked_by_what_it_tells_of_the_camera():
