@@ -26,7 +26,10 @@ def noisy(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     ])  # fmt: skip
 
 
-@pytest.fixture(params=[True, False], ids=["on the flange", "in the room"])
+@pytest.fixture(
+    params=[True, pytest.param(False, marks=pytest.mark.thorough)],
+    ids=["on the flange", "in the room"],
+)
 def cell(request) -> tuple[Scene, np.ndarray, np.random.Generator]:
     """A scene of an arm whose links err, and the board's poses as a camera tells them."""
     rng = np.random.default_rng(5)
