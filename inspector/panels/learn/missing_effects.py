@@ -18,8 +18,7 @@ from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD
 from inspector.panels.base import SECONDARY, Actions, ChosenByDataset, by_page, hidden_plot, put
 from inspector.panels.input_checks import clamped
-from inspector.panels.learn.moved_instrument import MovedInstrument
-from inspector.panels.learn.outliers import OutlyingPoses
+from inspector.panels.learn.measurements import MovedInstrument, OutlyingPoses
 from inspector.session.session import Session
 from inspector.session.undo import UNDO_STEPS
 from inspector.session.view import View

@@ -13,7 +13,7 @@ from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, ChangedValues, FollowsModel, by_page, hidden_plot, offer, put
-from inspector.panels.learn.outliers import OutlyingPoses
+from inspector.panels.learn.measurements import OutlyingPoses
 from inspector.session.view import View
 
 NOTE = (
