@@ -31,11 +31,6 @@ class BudgetShare:
     sigma_mm: float | None = None  # of `mm`, not estimated yet
     of: str = "arm"  # or "instrument", "target", "noise", "unknown"
 
-    @property
-    def is_of_arm(self) -> bool:
-        """Whether it is an error of the arm: not of what measures it, noise, or of unknown origin."""
-        return self.of == "arm"
-
 
 @dataclass(frozen=True)
 class ErrorBudget:

@@ -38,15 +38,15 @@ def _beside(calibration: Calibration, step: ScannerStep, values: Array) -> tuple
     """Ids of the poses before and after a step: a test pose between is on the side where it is less off."""
     dataset, errors = calibration.dataset, calibration.after
     assert dataset.points is not None
-    poses, first = dataset.poses, int(np.flatnonzero([name == step.start.pose for name in dataset.poses.ids])[0])
+    poses, first = dataset.poses, dataset.poses.index(step.start.pose)
     trained = np.flatnonzero(is_measured_for_training(dataset) & (poses.order < poses.order[first]))
     last = int(trained[np.argmax(poses.order[trained])]) if len(trained) else first
     between = (poses.order > poses.order[last]) & (poses.order < poses.order[first])
     for pose in sorted(np.flatnonzero(between).tolist(), key=lambda k: poses.order[k]):
         rows = errors.pose == pose
-        moved_mm = values[:3] + np.cross(values[3:], dataset.points.xyz_mm[rows] - step.centre_mm)
         if not rows.any():
             continue
+        moved_mm = values[:3] + np.cross(values[3:], dataset.points.xyz_mm[rows] - step.centre_mm)
         if np.linalg.norm(errors.error_mm[rows]) < np.linalg.norm(errors.error_mm[rows] - moved_mm):
             return poses.ids[last], poses.ids[pose]
         last = pose

@@ -339,8 +339,7 @@ def with_new_setup(session: Session, pose_id: str) -> Session:
         user_effects=session.user_effects,
         left_out=session.left_out,
     )
-    residual = None if session.calibration is None else session.calibration.residual
-    return fresh if session.calibration is None else with_calibration(fresh, residual)
+    return fresh if session.calibration is None else with_calibration(fresh, session.calibration.residual)
 
 
 def _fitted_again(session: Session, label: str, taken_in: str = "") -> Session:
