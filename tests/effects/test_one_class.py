@@ -1,4 +1,4 @@
-"""One effect, one class: all that is said about an effect is read from its class, README's table too."""
+"""One effect, one class: all that is said about an effect is read from its class."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import pytest
 import calib.effects.catalogue as catalogue
 from calib import calibrate, screen
 from calib.dataset.dataset import Dataset
-from calib.effects.catalogue.user_file import check_effects, load_effects
+from calib.effects.catalogue.user_file import check_effects
 from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, describe, exceeded_bound
 from calib.effects.state import RobotState
 from calib.errors import CalibError
@@ -30,8 +30,6 @@ from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT
 from tests.support.commands import answered
-
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -103,14 +101,6 @@ def test_every_class_of_the_catalogue_tells_all_about_itself(kind: type[Catalogu
     assert all(name and unit for name, unit in kind.symbols)
     assert bool(kind.confirm) == kind.testable
     assert kind.__doc__
-
-
-def test_readmes_table_is_what_the_classes_say() -> None:
-    rows = re.findall(r"^\| `(\w+)` \| (.*) \| (.*) \|$", README, flags=re.MULTILINE)
-    known = {d.name: (d.equation, d.needs) for d in catalogue.descriptions()}
-    table = [row for row in rows if row[0] in known]
-    renew = "python benchmarks/effects_table.py --renew"
-    assert [(name, (equation, needs)) for name, equation, needs in table] == list(known.items()), renew
 
 
 EFFECT = '''"""Pneumatics: a hose under pressure stiffens the wrist."""
@@ -219,18 +209,6 @@ def test_a_class_and_its_law_are_all_that_an_effect_takes(tmp_path: Path) -> Non
     assert "hose round joint " in told
     assert "wrapped_hose" in (tmp_path / "model.json").read_text()
     assert "wrapped_hose" in validated
-
-
-def test_readmes_own_effect_is_an_effects_file(tmp_path: Path, hidden: Dataset) -> None:
-    blocks = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
-    (example,) = [block for block in blocks if "def apply(" in block]
-    assert "from calib import Parameter\n" in example
-    path = tmp_path / "my_effects.py"
-    path.write_text(example)
-    (family,) = load_effects(path, nominal_state(hidden))
-    assert family.name == "fifth_harmonic"
-    assert len(family.members) == hidden.robot.n_joints
-    assert family.description.equation == family.description.confirm == ""
 
 
 @dataclass(frozen=True)
