@@ -29,23 +29,6 @@ class Spheres:
 
 
 @dataclass(frozen=True)
-class Plate:
-    """A flat plate: the target is the corner where two of its straight edges meet."""
-
-    edge_mm: float = 60.0  # how much of both edges is seen, from the corner on
-    angle_deg: float = 90.0  # between the two edges
-
-
-@dataclass(frozen=True)
-class PlaneSet:
-    """Planes in known relative positions: the target is the origin of their common frame, where they need not meet."""
-
-    normals: tuple[tuple[float, float, float], ...]  # unit, out of the material
-    offsets_mm: tuple[float, ...]  # normal . p = offset, p in the set's own frame
-    size_mm: float = 60.0  # about how wide each plane is
-
-
-@dataclass(frozen=True)
 class Socket:
     """A ball or a socket that a touch probe measures: its contacts lie on a sphere, whose centre is the target."""
 
@@ -60,7 +43,7 @@ class OwnShape:
     sizes: Mapping[str, Any] = field(default_factory=dict)  # all keys of its table in dataset.toml
 
 
-Shape = Jig | Sphere | Spheres | Plate | PlaneSet | Socket | OwnShape
+Shape = Jig | Sphere | Spheres | Socket | OwnShape
 
 
 @dataclass(frozen=True)

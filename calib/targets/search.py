@@ -11,11 +11,9 @@ from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNo
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.errors import TargetError
 from calib.jig import Jig
-from calib.plugins import contributions, load
 from calib.scans.scan import Scan
-from calib.target_shapes import DeclaredTarget, OwnShape, Shape, Socket, Sphere, Spheres
+from calib.target_shapes import DeclaredTarget, OwnShape, Socket, Sphere, Spheres
 from calib.targets.protocol.finder import FoundPoint, TargetFinder, Wanted
-from calib.targets.protocol.shape_finder import ShapeFinder
 from calib.targets.protocol.user_file import UserFinder, checked_answer
 from calib.targets.spheres.constellation import find_constellation
 from calib.targets.spheres.socket import find_socket
@@ -27,7 +25,7 @@ _FINDERS: dict[type, TargetFinder] = {
     Spheres: find_constellation,
     Socket: find_socket,
 }
-"""The finder of each shape in core; those of further shapes are brought by plug-ins, a `ShapeFinder` each."""
+"""The finder of each shape but the jig's and a user's own."""
 
 UserFunction = Callable[[Scan, Wanted], Any]
 
@@ -102,7 +100,7 @@ def find_targets_in(
                 first, places = find_jigs(scan, one, jig_shapes)
                 corner_search = corner_search or first
             else:
-                places = _finder_of(one.shape)(scan, one)
+                places = _FINDERS[type(one.shape)](scan, one)
         except TargetError as error:
             searches.append(TargetSearch(one.names, (), str(error)))
         else:
@@ -113,18 +111,6 @@ def find_targets_in(
     values = {f.name: getattr(base, f.name) for f in fields(CornerSearch)}
     values |= {"failure": failure, "seconds": time.perf_counter() - started}
     return ScanSearch(**values, found=tuple(searches))
-
-
-def _finder_of(shape: Shape) -> TargetFinder:
-    """Finder of a shape. Raises TargetError where only a plug-in that is not here has one."""
-    name = type(shape).__name__
-    for brought in contributions(ShapeFinder):
-        if brought.shape == name:
-            finder: TargetFinder = load(brought.finder)
-            return finder
-    if type(shape) not in _FINDERS:
-        raise TargetError(f"targets of the shape {name} are found where the extra flat_targets is, which is not here")
-    return _FINDERS[type(shape)]
 
 
 def _failure_text(search: TargetSearch) -> str:

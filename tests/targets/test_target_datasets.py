@@ -12,7 +12,7 @@ import pytest
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.errors import DatasetError
 from calib.measurement.measured_points import with_corners
-from calib.target_shapes import DeclaredTarget, OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres
+from calib.target_shapes import DeclaredTarget, OwnShape, Socket, Sphere, Spheres
 from calib.targets.batch import find_targets
 from tests.support.ball_dataset import write_ball_dataset
 from tests.support.commands import answered, refused
@@ -126,8 +126,7 @@ def test_what_moves_on_the_tool_is_no_target(balls: tuple[Path, dict[str, np.nda
 
 def test_shapes_of_targets_are_written_and_read(balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path) -> None:
     dataset = load_dataset(balls[0])
-    planes = PlaneSet(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 5.0, 10.0), 40.0)
-    for shape in (Sphere(), Plate(80.0, 85.0), planes, Socket(12.0, 0.002), OwnShape({"height_mm": 3.0})):
+    for shape in (Sphere(), Socket(12.0, 0.002), OwnShape({"height_mm": 3.0})):
         written = replace(dataset, targets=(DeclaredTarget("b", shape),))
         write_dataset(written, tmp_path / "again")
         assert load_dataset(tmp_path / "again").targets == (DeclaredTarget("b", shape),)
@@ -144,8 +143,6 @@ def test_shapes_of_targets_are_written_and_read(balls: tuple[Path, dict[str, np.
         ('shape = "sphere"', r"\[\[targets\]\] 1\.name: the key is missing"),
         ('name = "z"\nshape = "sphere"', r"found 'z'; robot.toml knows jig, b, c"),
         ('name = "b"\nshape = "sphere"\ndiameter_mm = 0.02', "found 0.02 mm"),
-        ('name = "b"\nshape = "planes"', "three or more"),
-        ('name = "b"\nshape = "plate"\nangle_deg = 5.0', "20 to 160"),
         ('name = "b"\nshape = "sphere"\nradius_mm = 5.0', "radius_mm: is no key"),
         ('name = "b"\nshape = "spheres"\nspheres = ["b", "c"]', "three or more names"),
     ],

@@ -6,18 +6,15 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
 from calib.dataset.files.cell_tables import jig_document, load_jig
 from calib.errors import is_one_line
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
-from calib.target_shapes import SPHERE_MM, DeclaredTarget, OwnShape, PlaneSet, Plate, Shape, Socket, Sphere, Spheres
+from calib.target_shapes import SPHERE_MM, DeclaredTarget, OwnShape, Shape, Socket, Sphere, Spheres
 from calib.text_files.toml_table import TomlTable
 
 _MOST_TARGETS = 50
 _FARTHEST_MM = 1e4
-_LEAST_TURN = 0.17  # of three planes' normals: the smallest singular value
 
 
 def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> tuple[DeclaredTarget, ...]:
@@ -101,37 +98,6 @@ def _spheres(table: TomlTable) -> Shape:
     return Spheres(tuple(names), distances, diameter_mm)
 
 
-def _plate(table: TomlTable) -> Shape:
-    edge_mm = _length(table, "edge_mm", 5.0) or Plate().edge_mm
-    angle = table.number("angle_deg", 90.0)
-    if angle is None or not 20.0 <= angle <= 160.0:
-        raise table.error("angle_deg", f"found {angle}", "20 to 160, between the two edges, is needed")
-    _no_more(table)
-    return Plate(edge_mm, angle)
-
-
-def _planes(table: TomlTable) -> Shape:
-    rows = table.tables("planes")
-    if len(rows) < 3:
-        raise table.error("planes", f"found {len(rows)}", "three or more [[targets.planes]] are needed")
-    normals, offsets = [], []
-    for row in rows:
-        normal, offset = row.vector("normal"), row.number("offset_mm")
-        if normal is None or math.hypot(*normal) < 1e-9:
-            raise row.error("normal", f"found {normal}", "a direction such as [0.0, 0.0, 1.0] is needed")
-        if offset is None or abs(offset) > _FARTHEST_MM:
-            raise row.error("offset_mm", f"found {offset}", f"a length within {_FARTHEST_MM:g} mm is needed")
-        _no_more(row, "name")
-        size = math.hypot(*normal)
-        normals.append((normal[0] / size, normal[1] / size, normal[2] / size))
-        offsets.append(offset)
-    if np.linalg.svd(np.array(normals), compute_uv=False)[-1] < _LEAST_TURN:
-        raise table.error("planes", "found planes along one direction", "three that face different ways are needed")
-    size_mm = _length(table, "size_mm", 5.0) or 60.0
-    _no_more(table)
-    return PlaneSet(tuple(normals), tuple(offsets), size_mm)
-
-
 def _socket(table: TomlTable) -> Shape:
     diameter_mm = _length(table, "diameter_mm", 0.5)
     sigma_mm = _length(table, "probe_sigma_mm", 1e-6, 1.0) or Socket().probe_sigma_mm
@@ -158,8 +124,6 @@ _READERS: dict[str, Callable[[TomlTable], Shape]] = {
     "trihedral": _trihedral,
     "sphere": _sphere,
     "spheres": _spheres,
-    "plate": _plate,
-    "planes": _planes,
     "socket": _socket,
     "own": _own,
 }
@@ -176,14 +140,6 @@ def target_document(target: DeclaredTarget) -> dict[str, Any]:
         sizes: dict[str, Any] = {"spheres": list(shape.names), "distances_mm": list(shape.distances_mm)}
         sizes |= {} if shape.diameter_mm is None else {"diameter_mm": shape.diameter_mm}
         return {"name": target.name, "shape": "spheres", **sizes}
-    if isinstance(shape, PlaneSet):
-        planes = [
-            {"normal": list(normal), "offset_mm": offset}
-            for normal, offset in zip(shape.normals, shape.offsets_mm, strict=True)
-        ]
-        return {"name": target.name, "shape": "planes", "size_mm": shape.size_mm, "planes": planes}
-    if isinstance(shape, Plate):
-        return {"name": target.name, "shape": "plate", "edge_mm": shape.edge_mm, "angle_deg": shape.angle_deg}
     kind = "sphere" if isinstance(shape, Sphere) else "socket"
     document: dict[str, Any] = {"name": target.name, "shape": kind}
     if shape.diameter_mm is not None:
