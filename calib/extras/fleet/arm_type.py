@@ -29,6 +29,7 @@ from calib.effects.effect import Effect
 from calib.errors import CalibError, FitError
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual_kinds import make_residuals
+from calib.lazy_modules import pd
 from calib.options import NEW_ARM_POSES, FitOptions, TypePrior
 from calib.presented import Presented
 
@@ -104,12 +105,8 @@ class TypeReport(Presented):
 # ---- what arms share ------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Told:
-    """What one arm tells of P parameters, in tolerances: information (P, P), and its product with the value (P,)."""
-
-    information: Array
-    along: Array
+_Told = tuple[Array, Array]
+"""What one arm tells of P parameters, in tolerances: information (P, P), and its product with the value (P,)."""
 
 
 @one_blas_thread()
@@ -133,14 +130,12 @@ def learn_type(fits: Sequence[Calibration]) -> ArmType:
             )
     own = {name for fit in fits for name in _own_names(fit)}
     scales = {p.name: p.scale for fit in fits for p in fit.fit.parameters if p.name not in own}
-    names = list(scales)
-    means, sigmas = _pooled([_told(fit, names, scales) for fit in fits])
+    means, sigmas = _pooled([_told(fit, scales) for fit in fits])
     return ArmType(
         robot=first.name,
         arms=tuple(fit.dataset.name for fit in fits),
         prior=TypePrior(
-            {name: float(mean) * scales[name] for name, mean in zip(names, means, strict=True)},
-            {name: float(sigma) * scales[name] for name, sigma in zip(names, sigmas, strict=True)},
+            *(dict(zip(scales, (of * list(scales.values())).tolist(), strict=True)) for of in (means, sigmas))
         ),
         members=tuple(dict.fromkeys(member for fit in fits for member in fit.model.added_effects)),
     )
@@ -152,22 +147,20 @@ def _own_names(fit: Calibration) -> set[str]:
     return set(fit.model.geometry_names) - shared
 
 
-def _told(fit: Calibration, names: Sequence[str], scales: Mapping[str, float]) -> _Told:
-    """What a fit's points tell of some parameters, with its tool and targets unknown within their tolerances."""
+def _told(fit: Calibration, scales: Mapping[str, float]) -> _Told:
+    """What a fit's points tell of parameters with given scales, with its tool and targets unknown within theirs."""
     linear = _Linear.of(fit)
     noise2 = linear.noise**2 * misfit_inflation(fit)
     information = linear.jacobian.T @ linear.jacobian / noise2
     along = information @ linear.z - linear.jacobian.T @ linear.residual / noise2
-    at = np.array([names.index(p.name) if p.name in names else -1 for p in fit.fit.parameters])
-    own, shared = at < 0, at >= 0
-    across = information[np.ix_(shared, own)] @ np.linalg.inv(information[np.ix_(own, own)] + np.eye(int(own.sum())))
-    size = fit.model.scales[shared]
-    kept, rescale = at[shared], np.array([scales[names[k]] for k in at[shared]]) / size
-    told = _Told(np.zeros((len(names), len(names))), np.zeros(len(names)))
-    of_shared = information[np.ix_(shared, shared)] - across @ information[np.ix_(own, shared)]
-    told.information[np.ix_(kept, kept)] = np.outer(rescale, rescale) * of_shared
-    told.along[kept] = rescale * (along[shared] - across @ along[own])
-    return told
+    names = [p.name for p in fit.fit.parameters]
+    own = np.array([name not in scales for name in names])
+    across = information[np.ix_(~own, own)] @ np.linalg.inv(information[np.ix_(own, own)] + np.eye(int(own.sum())))
+    units = np.array([scales.get(name, 1.0) for name in names]) / fit.model.scales
+    place = (np.array(list(scales))[:, None] == names) * units
+    place = place[:, ~own]
+    of_shared = information[np.ix_(~own, ~own)] - across @ information[np.ix_(own, ~own)]
+    return place @ of_shared @ place.T, place @ (along[~own] - across @ along[own])
 
 
 @dataclass(frozen=True)
@@ -193,29 +186,30 @@ class _Linear:
             noise if np.isfinite(noise) else 1.0, len(at.residual) - residuals.degrees_spent,
         )  # fmt: skip
 
-    @property
-    def log_evidence(self) -> float:
-        """Log evidence of the fit's prior, up to a constant of the data, at the noise at which it is largest."""
-        off = self.z - self.mean
-        s2 = np.linalg.svd(self.jacobian, compute_uv=False) ** 2
-        noise2 = (self.noise * _NOISES[:, None]) ** 2
-        square = float(self.residual @ self.residual) / noise2[:, 0] + float(off @ off)
-        tried = -0.5 * (self.rows * np.log(noise2[:, 0]) + square + np.sum(np.log1p(s2 / noise2), axis=1))
-        return float(tried.max())
+
+def _log_evidence(fit: Calibration) -> float:
+    """Log evidence of a fit's prior, up to a constant of the data, at the noise at which it is largest."""
+    linear = _Linear.of(fit)
+    off = linear.z - linear.mean
+    s2 = np.linalg.svd(linear.jacobian, compute_uv=False) ** 2
+    noise2 = (linear.noise * _NOISES) ** 2
+    square = float(linear.residual @ linear.residual) / noise2 + float(off @ off)
+    volume = np.log1p(s2 / noise2[:, None]).sum(axis=1)
+    return float(np.max(-0.5 * (linear.rows * np.log(noise2) + square + volume)))
 
 
 def _pooled(told: Sequence[_Told]) -> tuple[Array, Array]:
     """Mean (P,) of the arms' parameters, and the sigma (P,) of another arm's about it, in usual tolerances."""
-    p, arms = len(told[0].along), len(told)
+    p, arms = len(told[0][1]), len(told)
     mean, scatter2 = np.zeros(p), np.ones(p)
     for _ in range(_ROUNDS):
         before = scatter2
         root = np.sqrt(scatter2)
         values, variances = [], []
-        for one in told:
-            inner = np.linalg.inv(np.eye(p) + root[:, None] * one.information * root)
+        for information, along in told:
+            inner = np.linalg.inv(np.eye(p) + root[:, None] * information * root)
             covariance = root[:, None] * inner * root
-            values.append(mean + covariance @ (one.along - one.information @ mean))
+            values.append(mean + covariance @ (along - information @ mean))
             variances.append(np.diag(covariance))
         mean = np.sum(values, axis=0) / (arms + scatter2)  # the mean itself is normal about zero, as tolerances say
         spread = np.sum((np.array(values) - mean) ** 2 + np.array(variances), axis=0)
@@ -244,16 +238,15 @@ def fit_from_type(dataset: Dataset, arm_type: ArmType, options: FitOptions = Fit
     if arm_type.members:
         with suppress(FitError):  # of too few poses for the effects without the type
             alone.append(fit_measured(dataset, plain, effects=arm_type.members))
-    best_alone = max(alone, key=lambda fit: _Linear.of(fit).log_evidence)
+    best_alone = max(alone, key=_log_evidence)
     pooled = {
         factor: fit_measured(
             dataset, replace(options, type_prior=arm_type.widened(factor)), effects=arm_type.members, start=alone[0]
         )
         for factor in WIDENED
     }
-    evidence = {factor: _Linear.of(fit).log_evidence for factor, fit in pooled.items()}
-    best = max(evidence, key=lambda factor: evidence[factor])
-    lead = evidence[best] - _Linear.of(best_alone).log_evidence
+    best = max(pooled, key=lambda factor: _log_evidence(pooled[factor]))
+    lead = _log_evidence(pooled[best]) - _log_evidence(best_alone)
     if lead < MIN_LEAD:
         return PooledFit(best_alone, best_alone, None, lead)
     return PooledFit(pooled[best], best_alone, best, lead)
@@ -306,10 +299,7 @@ def with_few_poses(dataset: Dataset, count: int, rng: np.random.Generator) -> Da
     measured = np.intersect1d(np.flatnonzero(~poses.is_test), dataset.points.pose)
     setups = rng.permutation(np.unique(poses.setup[measured]))[: max(count // _OF_SETUP, 1)]
     offered = rng.permutation(measured[np.isin(poses.setup[measured], setups)])
-    turn = np.zeros(len(offered), dtype=np.int64)  # one pose of each setup after the other
-    for setup in setups:
-        of_setup = poses.setup[offered] == setup
-        turn[of_setup] = np.arange(np.count_nonzero(of_setup))
+    turn = pd.Series(offered).groupby(poses.setup[offered]).cumcount()  # one pose of each setup after the other
     kept = offered[np.argsort(turn, kind="stable")][:count]
     role = np.full(len(poses), "test", dtype="<U9")
     role[kept] = "train"

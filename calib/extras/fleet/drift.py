@@ -10,7 +10,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.search_space import add_in_turn
 from calib.errors import CalibError
-from calib.extras.fleet.judge import FleetOptions, FoundCorners, one_line
+from calib.extras.fleet.judge import FleetOptions, Judged, key_of, one_line
 from calib.extras.fleet.row import Row
 from calib.plugins import contributions, load
 from calib.validation.cell_changes import NOT_OF_THE_ARM, CellChanges, Change, ChangeTest
@@ -39,15 +39,17 @@ class Drift:
 
 @dataclass(frozen=True)
 class DriftTask:
-    """Task of comparing two datasets of an arm, given by their paths and corners."""
+    """Task of comparing two datasets of an arm, given by their paths and what was found in scans."""
 
     folder: str
-    base: str
-    later: str
-    effects: tuple[str, ...]  # claimed by the earlier dataset's diagnosis
-    base_corners: FoundCorners | None
-    later_corners: FoundCorners | None
+    base: Judged
+    later: Judged
     options: FleetOptions
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that determines the comparison."""
+        return key_of({"base": self.base.key, "later": self.later.key})
 
 
 def change_test() -> ChangeTest | None:
@@ -58,12 +60,12 @@ def change_test() -> ChangeTest | None:
 def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
     """Pairs of datasets of one arm: each dataset with the last fitted one of an earlier date.
 
-    Datasets without a serial number or a date are in no pair. A few check poses are too few for a fit and are compared
-    with the last calibration before them.
+    None where nothing tests for changes. Datasets without a serial number or a date are in no pair. A few check poses
+    are too few for a fit and are compared with the last calibration before them.
     """
     dated = sorted((row for row in rows if row.serial and row.date), key=lambda row: (row.arm, row.date, row.path))
     out = []
-    for later in range(1, len(dated)):
+    for later in range(1, len(dated)) if change_test() is not None else ():
         row = dated[later]
         earlier = (other for other in reversed(dated[:later]) if other.arm == row.arm)
         base = next((other for other in earlier if other.verdict and other.date < row.date), None)
@@ -74,31 +76,20 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
 
 def compare(task: DriftTask) -> Drift:
     """Changes between two datasets of an arm, or the reason why they cannot be compared."""
-    try:
-        return _compared(task)
-    except CalibError as error:
-        return Drift(task.base, task.later, "", (), None, None, reason=one_line(str(error)))
-
-
-def _compared(task: DriftTask) -> Drift:
-    base = _measured(task, task.base, task.base_corners)
-    later = _measured(task, task.later, task.later_corners)
-    calibration = add_in_turn(base, task.effects, task.options.fit.with_residual("position"))[-1].calibration
+    base, later = task.base.row, task.later.row
     test = change_test()
     assert test is not None  # or there was no pair to compare
-    found: CellChanges = load(test.compare)(calibration, later)
+    try:
+        fits = add_in_turn(_measured(task, task.base), base.missing, task.options.fit.with_residual("position"))
+        found: CellChanges = load(test.compare)(fits[-1].calibration, _measured(task, task.later))
+    except CalibError as error:
+        return Drift(base.path, later.path, "", (), None, None, reason=one_line(str(error)))
     return Drift(
-        task.base,
-        task.later,
-        found.verdict,
-        found.changes,
-        found.rmse_mm,
-        found.expected_mm,
-        found.poses,
+        base.path, later.path, found.verdict, found.changes, found.rmse_mm, found.expected_mm, found.poses,
         one_line(found.data_problem),
-    )
+    )  # fmt: skip
 
 
-def _measured(task: DriftTask, path: str, corners: FoundCorners | None) -> Dataset:
-    dataset = load_dataset(Path(task.folder) / path)
-    return dataset if corners is None or dataset.points is not None else corners.as_points_of(dataset)
+def _measured(task: DriftTask, judged: Judged) -> Dataset:
+    dataset = load_dataset(Path(task.folder) / judged.row.path)
+    return dataset if judged.found is None else dataset.with_points(judged.found)

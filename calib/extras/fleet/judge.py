@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -15,10 +15,9 @@ import numpy as np
 
 import calib
 from calib.api.validation import check
-from calib.calibration.evaluation import Evaluation
 from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
-from calib.dataset.dataset import Dataset, points_from_corners
+from calib.dataset.dataset import Points
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.causes import main_value, moved_mm
@@ -26,7 +25,8 @@ from calib.diagnosis.headline import headline_of
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import family_name
 from calib.extras.fleet.row import EffectSize, Rmse, Row
-from calib.measurement.measured_points import failed_searches, found_corners, require_corners
+from calib.lazy_modules import pd
+from calib.measurement.measured_points import failed_searches, require_corners
 from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.strict_json import to_json
@@ -56,28 +56,12 @@ class Task:
 
 
 @dataclass(frozen=True)
-class FoundCorners:
-    """Corners that were found in scans, one per pose."""
-
-    poses: tuple[str, ...]  # (K,) ids
-    xyz_mm: tuple[tuple[float, ...], ...]  # (K, 3)
-    covariance_mm2: tuple[tuple[float, ...], ...]  # (K, 9)
-
-    def as_points_of(self, dataset: Dataset) -> Dataset:
-        """Dataset with these corners as its measured points."""
-        xyz = dict(zip(self.poses, self.xyz_mm, strict=True))
-        spread = zip(self.poses, self.covariance_mm2, strict=True)
-        covariance = {pose: np.reshape(values, (3, 3)) for pose, values in spread}
-        return dataset.with_points(points_from_corners(dataset, xyz, covariance))
-
-
-@dataclass(frozen=True)
 class Judged:
-    """Result of processing one dataset: its row of the table, with key, corners and duration."""
+    """Result of processing one dataset: its row of the table, with key, found points and duration."""
 
     key: str  # hash of the files, options and versions that the row depends on
     row: Row
-    corners: FoundCorners | None  # where the dataset has scans
+    found: Points | None  # where the dataset has scans
     seconds: float
 
 
@@ -98,36 +82,28 @@ def judge(task: Task) -> Judged | None:
     if dataset.points is None:
         searches = find_targets(dataset, intermediate=False)
         require_corners(dataset, searches)
-    options = task.options
-    checked = check(dataset, searches, options.fit, max_test_rmse_mm=options.max_test_rmse_mm)
-    corners = None
-    if searches is not None:
-        found = found_corners(searches)
-        corners = FoundCorners(
-            tuple(found),
-            tuple(tuple(c.xyz_mm.tolist()) for c in found.values()),
-            tuple(tuple(c.covariance_mm2.ravel().tolist()) for c in found.values()),
-        )
-    without = tuple(failed_searches(searches)) if searches is not None else ()
-    return Judged(key, row_of(task.path, checked, without), corners, perf_counter() - started)
+    checked = check(dataset, searches, task.options.fit, max_test_rmse_mm=task.options.max_test_rmse_mm)
+    found = None if searches is None else checked.dataset.points
+    return Judged(key, row_of(task.path, checked, failed_searches(searches or {})), found, perf_counter() - started)
 
 
-def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> Row:
+def row_of(path: str, checked: Check, without_corner: Iterable[str] = ()) -> Row:
     """Row of the fleet's table for a checked dataset."""
     dataset, found = checked.dataset, checked.diagnosis
-    links, last = _fits(checked)
-    about = dict(_flat("", dataset.about.extra))
+    links = checked.calibration if found is None else found.steps[0].calibration
+    last = checked.calibration if found is None else found.calibration
+    about = {
+        str(key): one_line(str(value))
+        for flat in pd.json_normalize(dict(dataset.about.extra)).to_dict("records")  # gears.J3 of nested tables
+        for key, value in flat.items()
+        if isinstance(value, str | int | float)
+    }
     if dataset.about.operator:
         about["operator"] = dataset.about.operator
     stood_out = () if last is None else last.outliers
-    if found is not None:
-        stood_out = (*stood_out, *found.steps[-1].left_out)
     told = None if last is None else headline_of([last])
-    words = "" if found is None else found.headline
-    if found is None:
-        tried = (i for i in checked.items if i.name == "diagnosis" or isinstance(i.evidence, TooFewPoses))
-        words = next((item.headline for item in tried), "")
-    return Row(
+    tried = (i for i in checked.items if i.name == "diagnosis" or isinstance(i.evidence, TooFewPoses))
+    row = Row(
         path=path,
         name=dataset.name,
         serial=dataset.about.serial,
@@ -139,38 +115,33 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
         poses=len(dataset.poses),
         points=0 if dataset.points is None else len(dataset.points),
         left_out=tuple(dict.fromkeys([*without_corner, *stood_out])),
-        train=_rmse(links, last, test=False),
-        test=_rmse(links, last, test=True),
+        train=_rmse(links, last, "train"),
+        test=_rmse(links, last, "test"),
         noise_ratio=None if told is None or told.noise.source == FIT else told.noise_ratio,
         passed=checked.passed,
         reasons=tuple(one_line(f"{item.name}: {item.headline}") for item in checked.failed),
-        verdict="" if found is None else found.verdict,
-        missing=() if found is None else found.missing,
-        suspected=() if found is None else found.suspected,
-        ambiguous=() if found is None else found.ambiguous_set,
-        sizes=() if found is None else sizes_of(found),
-        likely={} if found is None else {name: round(found.probabilities.of(name), 4) for name in found.named},
-        words=one_line(words),
+        words=one_line(next((item.headline for item in tried), "")),
+    )
+    if found is None:
+        return row
+    return replace(
+        row,
+        left_out=tuple(dict.fromkeys([*row.left_out, *found.steps[-1].left_out])),
+        verdict=found.verdict,
+        missing=found.missing,
+        suspected=found.suspected,
+        ambiguous=found.ambiguous_set,
+        sizes=sizes_of(found),
+        likely={name: round(found.probabilities.of(name), 4) for name in found.named},
+        words=one_line(found.headline),
     )
 
 
-def _fits(checked: Check) -> tuple[Calibration | None, Calibration | None]:
-    """Fit of the link errors alone, and last fit of the diagnosis."""
-    if checked.diagnosis is not None:
-        return checked.diagnosis.steps[0].calibration, checked.diagnosis.calibration
-    return checked.calibration, checked.calibration
-
-
-def _rmse(links: Calibration | None, last: Calibration | None, *, test: bool) -> Rmse:
-    def of(evaluation: Evaluation | None) -> float | None:
-        figures = None if evaluation is None else evaluation.test if test else evaluation.train
-        return None if figures is None else figures.rmse_mm
-
-    return Rmse(
-        of(None if last is None else last.before),
-        of(None if links is None else links.after),
-        of(None if last is None else last.after),
-    )
+def _rmse(links: Calibration | None, last: Calibration | None, role: str) -> Rmse:
+    if links is None or last is None:
+        return Rmse()
+    figures = [getattr(errors, role) for errors in (last.before, links.after, last.after)]
+    return Rmse(*(None if of is None else of.rmse_mm for of in figures))
 
 
 def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
@@ -193,32 +164,16 @@ def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
     return tuple(sorted(out, key=lambda size: (size.effect, size.joint or 0, size.parameter)))
 
 
-def _flat(prefix: str, values: Mapping[str, object]) -> list[tuple[str, str]]:
-    """Nested tables as pairs of texts, with keys joined by dots: ("gears.J3", "lot 17")."""
-    out: list[tuple[str, str]] = []
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            out += _flat(f"{prefix}{key}.", value)
-        elif isinstance(value, str | int | float):
-            out.append((f"{prefix}{key}", one_line(str(value))))
-    return out
-
-
 # ---- keys -----------------------------------------------------------------------------------------------------------
 
 
 def row_key(files: Mapping[str, str], options: FleetOptions) -> str:
     """Hash of everything that determines a row: the dataset's files, the options, this program and its libraries."""
-    asked = {"fit": asdict(options.fit), "max_test_rmse_mm": options.max_test_rmse_mm}
-    return _hash({"files": dict(sorted(files.items())), "asked": asked, "versions": versions()})
+    return key_of({"files": dict(sorted(files.items())), "options": asdict(options), "versions": versions()})
 
 
-def pair_key(base: str, later: str) -> str:
-    """Hash of everything that determines the comparison of two datasets, from the keys of their rows."""
-    return _hash({"base": base, "later": later})
-
-
-def _hash(document: Mapping[str, object]) -> str:
+def key_of(document: Mapping[str, object]) -> str:
+    """Hash of a document."""
     return hashlib.sha256(to_json(document).encode()).hexdigest()
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Future
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -13,7 +12,7 @@ from calib.blas_threads import one_blas_thread
 from calib.errors import CalibError
 from calib.extras.fleet.discovery import Discovered
 from calib.extras.fleet.drift import Drift, DriftTask, compare, consecutive
-from calib.extras.fleet.judge import FleetOptions, Task, judge, one_line, pair_key
+from calib.extras.fleet.judge import FleetOptions, Judged, Task, judge, one_line
 from calib.extras.fleet.kept_results import KeptResults
 from calib.extras.fleet.result import Fleet
 from calib.extras.fleet.row import Failure
@@ -33,7 +32,6 @@ def run_fleet(
     workers: Workers = Workers(),
     options: FleetOptions = FleetOptions(),
     *,
-    fresh: bool = False,
     progress: bool = False,
     on_progress: OnProgress | None = None,
 ) -> Fleet:
@@ -45,7 +43,6 @@ def run_fleet(
             files, options and versions are the same, so that a stopped run continues.
         workers: executor of the tasks; its workers read the files by their absolute paths.
         options: how each dataset is judged.
-        fresh: delete the results of earlier runs first.
         progress: show a bar, in a notebook's cell or at the terminal.
         on_progress: called as (done, total, path) after each dataset, then after each comparison of two.
 
@@ -53,67 +50,61 @@ def run_fleet(
 
     Raises DatasetError where the folder of results cannot be written.
     """
-    folder = str(found.folder.resolve())
-    kept = KeptResults(results)
-    kept.begin(fresh=fresh)
+    folder, paths, kept = str(found.folder.resolve()), found.datasets, KeptResults(results)
+    kept.begin()
+    failures, of_path, taken_over = list(found.failures), dict[str, Judged](), 0
     with counted("datasets", "dataset", asked=progress, then=on_progress) as tell:
-        paths = found.datasets
-        failures, judged, taken_over = list(found.failures), [], 0
-
-        def task(k: int) -> Task:
-            before = kept.judged(paths[k])
-            return Task(folder, paths[k], options, "" if before is None else before.key)
-
-        for done, (k, answer) in enumerate(_answers(judge, len(paths), task, workers), start=1):
+        before = [kept.read(path, Judged) for path in paths]
+        tasks = [
+            Task(folder, path, options, "" if of is None else of.key) for path, of in zip(paths, before, strict=True)
+        ]
+        for done, (k, answer) in enumerate(_answers(judge, tasks, workers), start=1):
             if isinstance(answer, str):
                 failures.append(Failure(paths[k], answer, TRIES))
-            else:
-                judged.append(paths[k])
+            elif (judged := answer or before[k]) is not None:
+                kept.write(paths[k], judged)
+                of_path[paths[k]] = judged
                 taken_over += answer is None
-                if answer is not None:
-                    kept.store(answer)
             if tell is not None:
                 tell(done, len(paths), paths[k])
-        of_path = {path: replace(kept.surely(path), corners=None) for path in sorted(judged)}
-        rows = tuple(each.row for each in of_path.values())
-        pairs = [(of_path[base.path], of_path[later.path]) for base, later in consecutive(rows)]
-        keys = [pair_key(base.key, later.key) for base, later in pairs]
-        drifts = [kept.drift(key) for key in keys]
-        waiting = [k for k, drift in enumerate(drifts) if drift is None]
-
-        def comparison(k: int) -> DriftTask:
-            base, later = (each.row.path for each in pairs[waiting[k]])
-            of_base, of_later = (kept.surely(path).corners for path in (base, later))
-            return DriftTask(folder, base, later, pairs[waiting[k]][0].row.missing, of_base, of_later, options)
-
-        for done, (k, found_drift) in enumerate(_answers(compare, len(waiting), comparison, workers), start=1):
-            base, later = (each.row.path for each in pairs[waiting[k]])
-            if isinstance(found_drift, str):
-                drifts[waiting[k]] = Drift(base, later, "", (), None, None, reason=found_drift, settled=False)
+        rows = tuple(of_path[path].row for path in sorted(of_path))
+        pairs = [DriftTask(folder, of_path[a.path], of_path[b.path], options) for a, b in consecutive(rows)]
+        drifts = {pair.key: found_drift for pair in pairs if (found_drift := kept.read(pair.key, Drift)) is not None}
+        waiting = [pair for pair in pairs if pair.key not in drifts]
+        for k, drift in _answers(compare, waiting, workers):
+            base, later = (each.row.path for each in (waiting[k].base, waiting[k].later))
+            if isinstance(drift, str):
+                drifts[waiting[k].key] = Drift(base, later, "", (), None, None, reason=drift, settled=False)
             else:
-                drifts[waiting[k]] = found_drift
-                kept.store_drift(found_drift, keys[waiting[k]])
+                drifts[waiting[k].key] = drift
+                kept.write(waiting[k].key, drift)
             if tell is not None:
-                tell(len(pairs) - len(waiting) + done, len(pairs), later)
-    failures.sort(key=lambda failure: failure.path)
-    settled = tuple(drift for drift in drifts if drift is not None)
-    seconds = sum(each.seconds for each in of_path.values())
-    return Fleet(found.folder, rows, tuple(failures), settled, shared_causes(rows), taken_over, seconds)
+                tell(len(drifts), len(pairs), later)
+    return Fleet(
+        found.folder,
+        rows,
+        tuple(sorted(failures, key=lambda failure: failure.path)),
+        tuple(drifts[pair.key] for pair in pairs),
+        shared_causes(rows),
+        taken_over,
+        sum(each.seconds for each in of_path.values()),
+    )
 
 
 def _answers(
-    function: Callable[[Asked], Answer], count: int, task: Callable[[int], Asked], workers: Workers
+    function: Callable[[Asked], Answer], tasks: Sequence[Asked], workers: Workers
 ) -> Iterator[tuple[int, Answer | str]]:
-    """Number and answer of each of so many tasks as it is known; where there is none after a second try, why.
+    """Number and answer of each task as it is known; where there is none after a second try, why.
 
-    No more tasks are made and submitted at a time than can run.
+    No more tasks are submitted at a time than can run.
     """
-    executor: Executor = workers.executor or ThreadPoolExecutor(1)
-    waiting = list(range(count))
+    waiting: Sequence[int] = range(len(tasks))
     for attempt in range(1, TRIES + 1):
-        tasks = (task(k) for k in waiting)
         failed = []
-        for index, future in futures_as_completed(partial(answer_to, function), tasks, executor, workers.count):
+        of_try = (tasks[k] for k in waiting)
+        for index, future in futures_as_completed(
+            partial(answer_to, function), of_try, workers.executor, workers.count
+        ):
             answer = _settled(future)
             if isinstance(answer, str) and attempt < TRIES:
                 failed.append(waiting[index])

@@ -1,26 +1,24 @@
 """Causes that several arms of a fleet share, and properties that these arms have in common.
 
 A cause is an effect on one joint that a diagnosis claims, or that it suspects or leaves open with a probability of a
-half or more; of several datasets of an arm the mean counts. Its arms are compared with every site, every value of a
-further key of [about] (a gear's batch), all arms since a serial number or a date, and every range of serial numbers by
-Fisher's exact test, one-sided: is the share of arms with this cause larger in the group than in the rest of the fleet's
-arms of that model? Models are compared with each other in the same way. A range is the best of all ranges, so its
-p-value is the probability of a range as good where the cause is permuted at random (or Bonferroni's over all ranges,
-where that is less). All tests of a fleet are corrected together (Holm), those of a change since some number with the
-weight `SINCE_WEIGHT`, as a new batch shows so.
+half or more; of several datasets of an arm the mean counts, the last one twice. Its arms are compared with every site,
+every value of a further key of [about] (a gear's batch), and every range of serial numbers and of dates by Fisher's
+exact test, one-sided: is the share of arms with this cause larger in the group than in the rest of the fleet's arms of
+that model? Models are compared with each other in the same way. A range is the best of all ranges, so its p-value is
+the probability of a range as good where the cause is permuted at random (or Bonferroni's over all ranges, where that is
+less); a range up to the last number or date has a weight of `SINCE_WEIGHT`, as a new batch shows so. All tests of a
+fleet are corrected together (Holm 1979).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import combinations
-from math import comb
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.extras.fleet.row import EffectSize, Row
@@ -30,12 +28,8 @@ FEWEST = 3  # arms that make a cause shared
 MAIN_SHARE = 0.25  # of the displacement by an effect's largest member, from which another joint carries it too
 LIKELY = 0.5  # probability from which an arm counts as one with the cause
 LEVEL = 0.05  # family-wise error rate of the groups that are reported
-SINCE_WEIGHT = 4.0  # of the tests of all arms since a serial number or a date, beside 1 of the others
+SINCE_WEIGHT = 4.0  # of a range up to the last arm, beside 1 of the others
 PERMUTATIONS = 999
-_ENOUGH = 20  # permutations as good as the data's, after which the p-value is known well enough
-
-_EXACT = 1000  # most ways to deal out a cause that are all tried
-SERIALS_SINCE, DATES_SINCE = "serial numbers since", "dates since"
 
 Cause = tuple[str, int | None]  # effect, joint counted from 1
 
@@ -44,11 +38,17 @@ Cause = tuple[str, int | None]  # effect, joint counted from 1
 class Group:
     """Arms of one site, batch or range of serial numbers that have a cause more often than the other arms."""
 
-    what: str  # "site", "serial numbers", "serial numbers since", "dates since", "robot", or a key of [about]
+    what: str  # "site", "serial numbers", "serial numbers since", "dates", "dates since", "robot", or a key of [about]
     value: str
     inside: tuple[int, int]  # arms with the cause, all arms
     outside: tuple[int, int]
     p_value: float  # family-wise (Holm), over all tests
+
+    @classmethod
+    def of(cls, what: str, value: str, inside: BoolArray, has: BoolArray, p_value: float) -> Group:
+        """Group by which arms (N,) are inside, and which have the cause."""
+        with_it, without = ((int(has[part].sum()), int(part.sum())) for part in (inside, ~inside))
+        return cls(what, value, with_it, without, p_value)
 
 
 @dataclass(frozen=True)
@@ -71,116 +71,89 @@ def shared_causes(rows: Iterable[Row]) -> tuple[SharedCause, ...]:
         if row.verdict:
             rows_of[row.arm].append(row)
     arms = [rows_of[arm] for arm in sorted(rows_of, key=lambda arm: (arm[0], numbers.natural_order(arm[1])))]
-    tests: list[tuple[int, Group]] = []
-    found: list[SharedCause] = []
-    for robot, of_robot in [*_by_robot(arms).items(), ("", arms)]:
-        sizes = [_causes(row) for row in of_robot]
+    found: list[tuple[SharedCause, list[Group]]] = []
+    for robot in [*dict.fromkeys(of_arm[0].robot for of_arm in arms), ""]:
+        of_robot = [of_arm for of_arm in arms if robot in ("", of_arm[0].robot)]
+        last = [of_arm[-1] for of_arm in of_robot]
+        sizes = [_causes(of_arm) for of_arm in of_robot]
         for cause in sorted({c for s in sizes for c in s}, key=lambda c: (c[0], c[1] or 0)):
             has = np.array([cause in s for s in sizes])
-            if has.sum() < FEWEST:
-                continue
-            moved = [s[cause].moves_mm for s in sizes if cause in s]
-            last = [rows[-1] for rows in of_robot]
-            names = tuple(row.arm[1] for row, with_it in zip(last, has, strict=True) if with_it)
-            tests += [(len(found), group) for group in _groups(last, has, across_models=not robot)]
-            found.append(SharedCause(robot, *cause, names, len(has), float(np.median(moved)), ()))
-    groups: dict[int, list[Group]] = defaultdict(list)
-    for (index, group), p in zip(tests, _corrected([group for _, group in tests]), strict=True):
-        if p < LEVEL:
-            groups[index].append(replace(group, p_value=p))
-    out = [
-        replace(cause, groups=tuple(sorted(groups[i], key=lambda g: (g.p_value, -g.inside[0], g.what))))
-        for i, cause in enumerate(found)
-        if cause.robot or groups[i]
-    ]
+            if has.sum() >= FEWEST:
+                names = tuple(last[k].arm[1] for k in np.flatnonzero(has))
+                moves_mm = float(np.median([s[cause].moves_mm for s in sizes if cause in s]))
+                shared = SharedCause(robot, *cause, names, len(has), moves_mm, ())
+                found.append((shared, _groups(last, has, across_models=not robot)))
+    corrected = iter(_corrected([group.p_value for _, groups in found for group in groups]))
+    out = []
+    for shared, groups in found:
+        surest = sorted(
+            (replace(group, p_value=next(corrected)) for group in groups),
+            key=lambda group: (group.p_value, -group.inside[0], group.what),
+        )
+        shared = replace(shared, groups=tuple(group for group in surest if group.p_value < LEVEL))
+        if shared.robot or shared.groups:
+            out.append(shared)
     return tuple(sorted(out, key=lambda c: (not c.groups, -len(c.arms), c.robot, c.effect, c.joint or 0)))
 
 
-def _corrected(groups: Sequence[Group]) -> list[float]:
-    """p-values of groups corrected by Holm's step-down procedure with weights (Holm 1979)."""
-    weights = np.array([SINCE_WEIGHT if group.what in (SERIALS_SINCE, DATES_SINCE) else 1.0 for group in groups])
-    p = np.array([group.p_value for group in groups])
-    order = np.argsort(p / weights)
-    left = np.cumsum(weights[order][::-1])[::-1]
-    corrected = np.minimum(np.maximum.accumulate(left * p[order] / weights[order]), 1.0) if len(p) else p
-    out = np.empty(len(p))
-    out[order] = corrected
-    return [float(value) for value in out]
-
-
-def _by_robot(arms: Sequence[list[Row]]) -> dict[str, list[list[Row]]]:
-    out: dict[str, list[list[Row]]] = defaultdict(list)
-    for rows in arms:
-        out[rows[0].robot].append(rows)
-    return out
+def _corrected(p_values: Sequence[float]) -> list[float]:
+    """p-values corrected by Holm's step-down procedure."""
+    order = np.argsort(p_values)
+    out = np.empty(len(order))
+    out[order] = np.minimum(np.maximum.accumulate(np.sort(p_values) * np.arange(len(order), 0, -1)), 1.0)
+    return [float(p) for p in out]
 
 
 def _causes(rows: Sequence[Row]) -> dict[Cause, EffectSize]:
     """Causes that an arm has by all its datasets, in order of their dates, with the size of the last."""
-    of_each = [_causes_of(row) for row in rows]
-    sizes = {cause: size for found in of_each for cause, (size, _) in found.items()}
+    of_each = [_main_sizes(row) for row in rows]
     likely: dict[Cause, EffectSize] = {}
-    for cause, size in sizes.items():
-        p = [found[cause][1] if cause in found else 0.0 for found in of_each]
-        if np.mean(p) > LIKELY or (np.mean(p) == LIKELY and p[-1] >= LIKELY):
+    for cause, size in {cause: size for found in of_each for cause, size in found.items()}.items():
+        p = [
+            0.0 if cause not in found else 1.0 if cause[0] in row.missing else row.likely.get(cause[0], 0.0)
+            for row, found in zip(rows, of_each, strict=True)
+        ]
+        if np.mean([*p, p[-1]]) >= LIKELY:
             likely[cause] = size
     return likely
 
 
-def _causes_of(row: Row) -> dict[Cause, tuple[EffectSize, float]]:
-    """Size and probability of each effect in a dataset's last model, without joints with a negligible share."""
-    claimed = row.sizes
-    most = {
-        effect: max(size.moves_mm for size in claimed if size.effect == effect)
-        for effect in {size.effect for size in claimed}
-    }
-
-    def probability(effect: str) -> float:
-        return 1.0 if effect in row.missing else row.likely.get(effect, 0.0)
-
-    return {
-        (s.effect, s.joint): (s, probability(s.effect)) for s in claimed if s.moves_mm >= MAIN_SHARE * most[s.effect]
-    }
+def _main_sizes(row: Row) -> dict[Cause, EffectSize]:
+    """Size of each effect in a dataset's last model, without joints with a negligible share."""
+    most: dict[str, float] = defaultdict(float)
+    for size in row.sizes:
+        most[size.effect] = max(most[size.effect], size.moves_mm)
+    return {(s.effect, s.joint): s for s in row.sizes if s.moves_mm >= MAIN_SHARE * most[s.effect]}
 
 
 def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list[Group]:
     """Groups of arms (site, lot, serial range) with uncorrected p-values for having a cause more often."""
-    population, cases = len(arms), int(has.sum())
-    table = hypergeometric_sf(population, cases)
-
-    def group(what: str, value: str, inside: BoolArray, p_value: float | None = None) -> Group:
-        size, count = int(inside.sum()), int((inside & has).sum())
-        p = float(table[size, count]) if p_value is None else p_value
-        return Group(what, value, (count, size), (cases - count, population - size), p)
-
-    out = []
+    table, out = log_fisher(len(arms), int(has.sum())), []
     keys = [{"robot": r.robot} if across_models else {"site": r.site, **r.about} for r in arms]
     for what in sorted({key for row_keys in keys for key in row_keys}):
         values = np.array([row_keys.get(what, "") for row_keys in keys])
         for value in np.unique(values[values != ""]).tolist():
             inside = values == value
-            if 2 <= inside.sum() < population:
-                out.append(group(what, value, inside))
-    numbered = np.array([bool(row.serial) for row in arms])
-    if not across_models and has[numbered].sum() >= FEWEST and numbered.sum() > FEWEST:
-        places = np.flatnonzero(numbered)
-        first, last, p = best_range(has[numbered])
-        inside = np.zeros(population, dtype=bool)
-        inside[places[first : last + 1]] = True
-        value = f"{arms[places[first]].serial} to {arms[places[last]].serial}"
-        if 2 <= inside.sum() < numbered.sum():
-            out.append(group("serial numbers", value, inside, p))
-        out += _since(arms, has, places, SERIALS_SINCE, lambda row: row.serial)
-    dated = [i for i in range(population) if arms[i].date]
-    if not across_models and has[dated].sum() >= FEWEST and len({arms[i].date for i in dated}) > FEWEST:
-        in_time = np.array(sorted(dated, key=lambda i: (arms[i].date, i)))
-        out += _since(arms, has, in_time, DATES_SINCE, lambda row: row.date)
+            if 2 <= inside.sum() < len(arms):
+                p = float(np.exp(table[inside.sum(), has[inside].sum()]))
+                out.append(Group.of(what, value, inside, has, p))
+    ordered = {} if across_models else {"serial numbers": [r.serial for r in arms], "dates": [r.date for r in arms]}
+    for what, names in ordered.items():
+        order = sorted((k for k, name in enumerate(names) if name), key=lambda k: numbers.natural_order(names[k]))
+        named = [names[k] for k in order]
+        if has[order].sum() >= FEWEST and len(set(named)) > FEWEST:
+            first, end, p = best_range(has[order], np.unique(named, return_index=True)[1])
+            inside = np.isin(np.arange(len(order)), np.arange(first, end))
+            if 2 <= inside.sum() < len(order):
+                since = end == len(order)
+                value = named[first] if since else f"{named[first]} to {named[end - 1]}"
+                out.append(Group.of(f"{what} since" if since else what, value, inside, has[order], p))
     return out
 
 
 @lru_cache(maxsize=4)
-def hypergeometric_sf(population: int, cases: int) -> Array:
-    """Table (population + 1, cases + 1) of P(at least k cases among w drawn without replacement).
+def log_fisher(population: int, cases: int) -> Array:
+    """Table (population + 1, cases + 1) of log P(at least k cases among w drawn without replacement).
 
     Rows are w, columns k; Fisher's exact test of a group of w with k cases is one entry (one-sided). For 5,000 arms
     scipy.stats.hypergeom takes 80 times as long.
@@ -192,91 +165,38 @@ def hypergeometric_sf(population: int, cases: int) -> Array:
         return np.asarray(special.gammaln(n + 1.0) - special.gammaln(k + 1.0) - special.gammaln(n - k + 1.0))
 
     rest = log_choose(population - cases, drawn - found)
-    p = np.exp(log_choose(cases, found) + rest - log_choose(population, drawn))
-    return np.asarray(np.minimum(np.cumsum(p[:, ::-1], axis=1)[:, ::-1], 1.0))
+    log_p = log_choose(cases, found) + rest - log_choose(population, drawn)
+    return np.asarray(np.minimum(np.logaddexp.accumulate(log_p[:, ::-1], axis=1)[:, ::-1], 0.0))
 
 
-def _since(
-    arms: Sequence[Row], has: BoolArray, order: IndexArray, what: str, name: Callable[[Row], str]
-) -> list[Group]:
-    """Arms since the place in an order from which a cause is most frequent against the arms before; [] for all arms."""
-    values = [name(arms[i]) for i in order]
-    starts = np.array([k == 0 or values[k - 1] != value for k, value in enumerate(values)])  # a day is not split
-    first, p = best_since(has[order], starts)
-    if not 2 <= len(order) - first < len(order):
-        return []
-    count, size, cases = int(has[order[first:]].sum()), len(order) - first, int(has[order].sum())
-    return [Group(what, values[first], (count, size), (cases - count, len(order) - size), p)]
+def best_range(has: BoolArray, starts: IndexArray) -> tuple[int, int, float]:
+    """Range of an order in which a cause is least likely by chance: first index, end, and p-value.
 
-
-def best_since(has: BoolArray, starts: BoolArray) -> tuple[int, float]:
-    """Place in an order since which a cause is most frequent by Fisher's test, and the p-value of that.
-
-    `has` (N,) says which arms have the cause, in order, `starts` (N,) at which of them a group may begin. The p-value
-    is the probability of a place as unlikely anywhere, where the cases are permuted at random: exact where few arms
-    have it, by `PERMUTATIONS` else.
+    `has` (N,) says which arms have the cause, in order, `starts` the places at which a range may begin or end: a day is
+    not split. The p-value is the probability of a range as unlikely anywhere, where the cases are permuted at random:
+    of all permutations where they are few, else of `PERMUTATIONS`, or Bonferroni's bound where that is less.
     """
     n, cases = len(has), int(has.sum())
-    table = hypergeometric_sf(n, cases)
+    table, starts = log_fisher(n, cases), np.append(np.sort(starts), n)
 
-    def best(having: BoolArray) -> tuple[float, int]:
-        behind = np.cumsum(having[::-1])[::-1]
-        p = np.where(starts, table[n - np.arange(n), behind], 1.0)
-        first = int(np.argmin(p))
-        return float(p[first]), first
+    def ranges(places: IndexArray) -> tuple[IndexArray, IndexArray, Array]:
+        """First index (K,) and end (L,) of the ranges about the cases, and log p less that of the weight (K, L)."""
+        first = starts[np.unique(np.searchsorted(starts, places, "right")) - 1]
+        end = np.unique([*starts[np.searchsorted(starts, places, "right")], n])
+        count = np.searchsorted(places, end) - np.searchsorted(places, first)[:, None]
+        width = end - first[:, None]
+        log_p = table[np.maximum(width, 0), np.maximum(count, 0)]
+        return first, end, np.asarray(log_p - np.where(end == n, np.log(SINCE_WEIGHT), 0.0))
 
-    p, first = best(has)
-    if comb(n, cases) <= _EXACT:
-        as_good = 0
-        for places in combinations(range(n), cases):
-            having = np.zeros(n, dtype=bool)
-            having[list(places)] = True
-            as_good += best(having)[0] <= p * (1.0 + 1e-9)
-        return first, as_good / comb(n, cases)
-    return first, permuted_p(lambda rng: best(rng.permutation(has))[0], p, bonferroni=p * n)
+    def least(places: IndexArray, _: IndexArray) -> float:
+        return float(ranges(np.sort(places))[2].min())
 
-
-def permuted_p(drawn: Callable[[np.random.Generator], float], p: float, *, bonferroni: float) -> float:
-    """Probability of a least p-value as small under random permutations; Bonferroni's bound where that is less.
-
-    The draws end where enough are as small (Besag, Clifford 1991); none is needed where the bound is below them all.
-    """
-    if bonferroni < 1.0 / (1 + PERMUTATIONS):
-        return bonferroni
-    rng = np.random.default_rng(0)
-    as_good = 0
-    for count in range(1, PERMUTATIONS + 1):
-        as_good += drawn(rng) <= p * (1.0 + 1e-9)
-        if as_good == _ENOUGH:
-            return min(as_good / count, bonferroni)
-    return min((1 + as_good) / (1 + PERMUTATIONS), bonferroni)
-
-
-def best_range(has: BoolArray) -> tuple[int, int, float]:
-    """Range of serial numbers in which a cause is least likely by chance: first and last index, and p-value.
-
-    `has` (N,) says which arms have the cause, in order. The p-value is the probability of a range as unlikely anywhere,
-    where the cases are permuted at random.
-    """
-    n, cases = len(has), int(has.sum())
-    table = hypergeometric_sf(n, cases)
-
-    among = np.arange(2, cases + 1)
-
-    def narrowest(places: IndexArray) -> IndexArray:
-        """Least width (cases - 1,) of a range with 2, 3, ... of the cases: of these ranges it is the unlikeliest."""
-        return np.array([(places[k - 1 :] - places[: cases - k + 1]).min() + 1 for k in among], dtype=np.intp)
-
-    places = np.flatnonzero(has)
-    width = narrowest(places)
-    p_values = table[width, among]
-    # Where several are as unlikely, or all below what a float holds, the one with most cases above its share.
-    best = int(np.lexsort((-(among - width * (cases / n)), p_values))[0])
-    p, k = float(p_values[best]), int(among[best])
-    start = int(np.argmin(places[k - 1 :] - places[: cases - k + 1]))
-    first, last = int(places[start]), int(places[start + k - 1])
-
-    def drawn(rng: np.random.Generator) -> float:
-        return float(table[narrowest(np.sort(rng.permutation(n)[:cases])), among].min())
-
-    return first, last, permuted_p(drawn, p, bonferroni=p * n * (n + 1) / 2)
+    first, end, log_p = ranges(np.flatnonzero(has))
+    i, j = np.unravel_index(int(np.argmin(log_p)), log_p.shape)
+    p = float(np.exp(log_p[i, j]) * (n * (n - 1) / 2 + SINCE_WEIGHT * n))
+    if p > 1.0 / (1 + PERMUTATIONS):
+        found = stats.permutation_test(
+            (np.flatnonzero(has), np.flatnonzero(~has)), least, n_resamples=PERMUTATIONS, alternative="less", rng=0
+        )
+        p = min(p, float(found.pvalue))
+    return int(first[i]), int(end[j]), p

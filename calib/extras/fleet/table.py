@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.errors import CalibError
-from calib.extras.fleet.row import EffectSize, Row
+from calib.extras.fleet.row import Row
 from calib.lazy_modules import pd
 from calib.text_files.csv_text import frame_csv
 
@@ -16,6 +17,14 @@ SUFFIXES = (".csv", ".parquet")
 FIRST = ("path", "name", "serial")
 """First columns of every fleet table."""
 _TEXTS = ("path", "name", "serial", "site", "date", "robot")
+_COUNTS = ("joints", "poses", "points")
+_RMSE = {
+    f"{role}.{stage}": f"{role}_rmse_{stage}"
+    for role in ("train", "test")
+    for stage in ("nominal_mm", "links_mm", "final_mm")
+}
+_LISTS = ("missing", "suspected", "ambiguous", "left_out", "reasons")
+_OF_MEMBER = {"value": "", "sigma": ".sigma", "moves_mm": ".moves_mm"}
 
 
 def fleet_frame(rows: Sequence[Row]) -> pd.DataFrame:
@@ -25,32 +34,20 @@ def fleet_frame(rows: Sequence[Row]) -> pd.DataFrame:
 
     There are columns for the effects and the further keys of [about] of any row, sorted by name.
     """
-    abouts = sorted({key for row in rows for key in row.about})
-    parameters = sorted({size.parameter for row in rows for size in row.sizes})
-    columns: dict[str, list[object]] = {name: [getattr(row, name) for row in rows] for name in _TEXTS}
-    columns |= {f"about.{key}": [row.about.get(key, "") for row in rows] for key in abouts}
-    columns |= {name: [getattr(row, name) for row in rows] for name in ("joints", "poses", "points")}
-    for role in ("train", "test"):
-        for stage in ("nominal", "links", "final"):
-            values = [getattr(getattr(row, role), f"{stage}_mm") for row in rows]
-            columns[f"{role}_rmse_{stage}_mm"] = values
-    columns["noise_ratio"] = [row.noise_ratio for row in rows]
-    columns["passed"] = [row.passed for row in rows]
-    for name in ("verdict", "words"):
-        columns[name] = [getattr(row, name) for row in rows]
-    for name in ("missing", "suspected", "ambiguous", "left_out", "reasons"):
-        columns[name] = ["; ".join(getattr(row, name)) for row in rows]
+    frame = pd.json_normalize([asdict(row) for row in rows])
+    abouts = sorted({f"about.{key}" for row in rows for key in row.about})
+    names = [*_TEXTS, *abouts, *_COUNTS, *_RMSE, "noise_ratio", "passed", "verdict", "words", *_LISTS]
+    figures = dict.fromkeys([*_RMSE, "noise_ratio"], float)
+    frame = frame.reindex(columns=names).fillna(dict.fromkeys(abouts, "")).astype(figures)
+    for name in _LISTS:
+        frame[name] = ["; ".join(texts) for texts in frame[name]]
     sizes = [{size.parameter: size for size in row.sizes} for row in rows]
-    for parameter in parameters:
-        columns[parameter] = [_of(each.get(parameter), "value") for each in sizes]
-        columns[f"{parameter}.sigma"] = [_of(each.get(parameter), "sigma") for each in sizes]
-        columns[f"{parameter}.moves_mm"] = [_of(each.get(parameter), "moves_mm") for each in sizes]
-    numbers = [name for name in columns if name.endswith(("_mm", "noise_ratio", ".sigma")) or name in parameters]
-    return pd.DataFrame(columns).astype(dict.fromkeys(numbers, float))
-
-
-def _of(size: EffectSize | None, field: str) -> float | None:
-    return None if size is None else getattr(size, field)
+    members = {
+        f"{parameter}{ending}": [getattr(each.get(parameter), field, None) for each in sizes]
+        for parameter in sorted(set().union(*sizes))
+        for field, ending in _OF_MEMBER.items()
+    }
+    return frame.rename(columns=_RMSE).join(pd.DataFrame(members, frame.index, dtype=float))
 
 
 def table_bytes(rows: Sequence[Row], suffix: str) -> bytes:

@@ -11,9 +11,9 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Timer
 from typing import Any
@@ -28,7 +28,7 @@ CONNECT_S = 10.0  # longest time that a scheduler may take to answer
 class Workers:
     """Executor of a fleet's tasks, and number of tasks at the same time."""
 
-    executor: Executor | None = None  # None: this process
+    executor: Executor = field(default_factory=lambda: ThreadPoolExecutor(1))  # by default this process
     count: int = 1
 
 
@@ -48,15 +48,12 @@ def local_workers(count: int, limit_s: float) -> Iterator[Workers]:
     import pebble
 
     spawn = multiprocessing.get_context("spawn")
-    pools = [pebble.ProcessPool(count, context=spawn, initializer=_begin)]
+    pools: list[Any] = []
 
     def start(fn: Callable[..., Any], args: tuple[Any, ...]) -> Future[Any]:
-        future: Future[Any]
-        try:
-            future = pools[-1].schedule(fn, args, timeout=limit_s)
-        except RuntimeError:  # a process that dies before it has a task ends its pool
+        if not pools or not pools[-1].active:  # a process that dies before it has a task ends its pool
             pools.append(pebble.ProcessPool(count, context=spawn, initializer=_begin))
-            future = pools[-1].schedule(fn, args, timeout=limit_s)
+        future: Future[Any] = pools[-1].schedule(fn, args, timeout=limit_s)
         return future
 
     try:
@@ -93,18 +90,11 @@ def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Work
             raise CalibError(f"--scheduler {address}: the cluster has no workers; start some")
         place = str(folder.resolve())
         for worker, seen in client.run(seen_by_worker, place, on_error="return").items():
-            if seen == (versions(), True):
-                continue
-            if isinstance(seen, BaseException):
-                fault = f"cannot run this program ({type(seen).__name__}: {seen}); install the same version there"
-            elif seen[1]:
-                fault = (
-                    "has another version of this program, Python, numpy, scipy or pandas; install the same there, or "
-                    "the figures would differ"
+            if seen != (versions(), True):
+                raise CalibError(
+                    f"--scheduler {address}: worker {worker} answers {seen!r:.300}; install there the version of this "
+                    f"program, Python, numpy, scipy and pandas that is here, {versions()}, and share {place}"
                 )
-            else:
-                fault = f"does not see {place}; share it"
-            raise CalibError(f"--scheduler {address}: worker {worker} {fault}")
         of_dask = client.get_executor(pure=False)  # a pure task would not run again
 
         def start(fn: Callable[..., Any], args: tuple[Any, ...]) -> Future[Any]:

@@ -39,7 +39,7 @@ def run_fleet_command(options: FleetOptions) -> int:
     asked = JudgeOptions(max_test_rmse_mm=options.max_test_rmse_mm)
     try:
         with _workers(options, len(found.datasets)) as workers, progress("datasets", "dataset") as on_progress:
-            fleet = run_fleet(found, results, workers, asked, fresh=options.fresh, on_progress=on_progress)
+            fleet = run_fleet(found, results, workers, asked, on_progress=on_progress)
     except KeyboardInterrupt:
         print(visible(f"inspector: stopped; the same command goes on from what is in {results}"), file=sys.stderr)
         return 130

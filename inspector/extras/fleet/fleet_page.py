@@ -7,9 +7,9 @@ from datetime import datetime
 from pathlib import Path
 from urllib.parse import quote
 
-from calib.extras.fleet.present.fleets import METHOD, fleet_head, fleet_sections
+from calib.extras.fleet.present.fleets import METHOD, fleet_presentation
 from calib.extras.fleet.result import Fleet
-from calib.rendering.blocks import Bullets, Facts, Link, Paragraph, Presentation, Section
+from calib.rendering.blocks import Bullets, Facts, Link, Paragraph, Section
 from inspector.report.page import render
 from inspector.report.report import versions
 
@@ -22,13 +22,9 @@ def fleet_html(fleet: Fleet, page: Path, *, now: datetime) -> str:
     def link(path: str) -> Link:
         return Link(path, _address((fleet.folder / path).absolute(), page_folder))
 
-    sections = [
-        *fleet_sections(fleet, link),
-        Section("Method", [Bullets(METHOD)]),
-        Section("Made with", [Facts(versions()), Paragraph(f"Made {made}.", soft=True)]),
-    ]
-    title = f"Fleet: {fleet.folder.resolve().name}"
-    return render(Presentation(title, fleet_head(fleet, [("Made", made)]), sections))
+    method = Section("Method", [Bullets(METHOD)])
+    made_with = Section("Made with", [Facts(versions()), Paragraph(f"Made {made}.", soft=True)])
+    return render(fleet_presentation(fleet, link, method, made_with))
 
 
 def _address(folder: Path, page_folder: Path) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from calib.options import NEW_ARM_POSES
 from inspector.cli.options import values
-from inspector.cli.options.declaration import argument, flag, option, several
+from inspector.cli.options.declaration import argument, option, several
 from inspector.cli.options.shared import Output, WithResidual
 
 
@@ -44,8 +44,6 @@ class FleetOptions(Output):
         "seconds that one dataset may take (default 1800)", 1800.0, metavar="S", parse=values.seconds
     )
     max_test_rmse_mm: float | None = option("what the test poses' error may be", metavar="X", parse=values.rmse_mm)
-    resume: bool = flag("take over results whose files have not changed (default)", group="again")
-    fresh: bool = flag("drop what is there and judge all anew", group="again")
 
 
 @dataclass(frozen=True, kw_only=True)

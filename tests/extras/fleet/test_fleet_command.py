@@ -53,10 +53,6 @@ def test_table_page_and_json(folder: Path, tmp_path: Path, capsys: pytest.Captur
     assert not re.search(r'(src|href)="(?!\.\./fleet/)', page)  # nothing from outside, links to the datasets alone
     assert 'href="../fleet/sub%20dir/b/"' in page
     assert "robot.toml" in page  # why `broken` has no result
-    before = out.read_bytes()
-    assert main(["fleet", str(folder), "--out", str(out), "--fresh"]) == 1
-    assert out.read_bytes() == before
-    capsys.readouterr()
     pytest.importorskip("pyarrow")
     parquet = out.with_suffix(".parquet")
     assert main(["fleet", str(folder), "--out", str(parquet)]) == 1  # from the same results

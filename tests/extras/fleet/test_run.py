@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import threading
@@ -13,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from calib.errors import CalibError
@@ -100,7 +98,6 @@ def test_a_later_run_takes_over_what_has_not_changed(folder: Path) -> None:
     assert len(again.rows) == 4
     assert run(folder).taken_over == 4
     assert run(folder, options=FleetOptions(max_test_rmse_mm=0.1)).taken_over == 0
-    assert run(folder, fresh=True).taken_over == 0
 
 
 def test_an_interrupted_run_keeps_what_it_has(folder: Path) -> None:
@@ -143,7 +140,7 @@ def test_the_same_table_whatever_the_order(folder: Path, suffix: str) -> None:
         pytest.importorskip("pyarrow")
     one = run(folder)
     with ThreadPoolExecutor(3) as executor:
-        other = run(folder, Workers(executor, 3), fresh=True)
+        other = run_fleet(discover(folder), folder.parent / "other.results", Workers(executor, 3))
     assert table_bytes(one.rows, suffix) == table_bytes(other.rows, suffix)
     assert one.failures == other.failures
 
@@ -231,15 +228,6 @@ def test_a_cluster_that_runs_already_is_taken_by_its_address(
     monkeypatch.setattr(fleet_workers, "CONNECT_S", 0.2)
     with pytest.raises(CalibError, match="no Dask scheduler answers"), cluster_workers("127.0.0.1:9", folder, 60.0):
         pass
-
-
-def test_the_kept_file_says_what_it_is(folder: Path) -> None:
-    run(folder)
-    documents = [json.loads(p.read_text()) for p in (folder.parent / "fleet.results").glob("*.json")]
-    assert {document["result"]["row"]["path"] for document in documents} == {"a", "b", "deep/er/c"}
-    assert all(
-        np.isfinite(document["result"]["seconds"]) and len(document["result"]["key"]) == 64 for document in documents
-    )
 
 
 def test_a_row_tells_its_verdict_in_one_sentence() -> None:

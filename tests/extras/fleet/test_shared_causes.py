@@ -12,23 +12,17 @@ from scipy import stats
 from calib.array_types import BoolArray
 from calib.extras.fleet.present.fleets import cause_phrase
 from calib.extras.fleet.row import EffectSize, Row
-from calib.extras.fleet.shared_causes import best_range, best_since, hypergeometric_sf, shared_causes
+from calib.extras.fleet.shared_causes import SINCE_WEIGHT, best_range, log_fisher, shared_causes
 from calib.rendering import numbers
 from tests.extras.fleet.rows import row
 
 
 def test_the_table_of_fishers_test_is_scipys() -> None:
     population, cases = 23, 7
-    table = hypergeometric_sf(population, cases)
+    table = np.exp(log_fisher(population, cases))
     for drawn in (0, 1, 4, 11, 23):
-        for found in range(cases + 1):
-            inside, outside = found, cases - found
-            if inside > drawn or outside > population - drawn:  # more than there can be, or fewer
-                assert table[drawn, found] == pytest.approx(float(inside <= drawn), abs=1e-12)
-                continue
-            counts = [[inside, drawn - inside], [outside, population - drawn - outside]]
-            p = stats.fisher_exact(counts, alternative="greater").pvalue
-            assert table[drawn, found] == pytest.approx(p, rel=1e-9)
+        expected = stats.hypergeom.sf(np.arange(cases + 1) - 1, population, cases, drawn)
+        assert table[drawn] == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
 def fleet(bad: set[int], count: int = 40, **of_bad: str) -> list[Row]:
@@ -91,7 +85,7 @@ def test_a_cause_in_all_five_arms_since_a_number_stands_out_among_ten() -> None:
     (cause,) = shared_causes(fleet({6, 7, 8, 9, 10}, 10))
     group = cause.groups[0]
     assert (group.what, group.value, group.inside, group.outside) == ("serial numbers since", "A-6", (5, 5), (0, 5))
-    assert group.p_value == pytest.approx(1 / 252 * 2.25, rel=0.3)  # one of 252 ways, corrected for the other tests
+    assert group.p_value == pytest.approx(3 / 252)  # one of 252 ways, corrected for three tests
     assert "5 of 5 with serial numbers since A-6" in cause_phrase(cause)
 
 
@@ -112,28 +106,25 @@ def test_an_arm_whose_cause_is_suspected_counts_by_its_probability_and_all_its_d
     assert len(shared_causes(once)[0].arms) == 5  # twice claimed, once not
 
 
-def test_the_place_since_which_a_cause_is_frequent_is_never_within_a_day() -> None:
+def test_the_range_in_which_a_cause_is_frequent_is_the_best_of_all_and_never_splits_a_day() -> None:
     has = np.array([False, False, True, False, True, True, True, True])
-    starts = np.array([True, False, False, True, False, False, True, True])
-    first, p = best_since(has, starts)
-    assert first == 3
+    starts = np.array([0, 3, 6, 7])
+    first, end, p = best_range(has, starts)
+    assert (first, end) == (3, 8)
     ways = [np.isin(np.arange(8), places) for places in combinations(range(8), 5)]
-    best = [min(_fisher(way, k) for k in np.flatnonzero(starts)) for way in ways]
-    assert p == pytest.approx(np.mean(np.array(best) <= _fisher(has, 3) * (1 + 1e-9)))
+    best = np.array([min(_score(way, *ends) for ends in combinations([*starts, 8], 2)) for way in ways])
+    assert p == pytest.approx(np.mean(best <= _score(has, 3, 8) * (1 + 1e-9)))
 
 
-def _fisher(has: BoolArray, first: int) -> float:
-    behind = int(has[first:].sum())
-    return float(stats.hypergeom.sf(behind - 1, len(has), int(has.sum()), len(has) - first))
+def _score(has: BoolArray, first: int, end: int) -> float:
+    """Probability by Fisher's test, over its weight."""
+    p = float(stats.hypergeom.sf(has[first:end].sum() - 1, len(has), has.sum(), end - first))
+    return p / SINCE_WEIGHT if end == len(has) else p
 
 
-def test_the_best_range_is_the_unlikeliest_and_its_probability_counts_all_ranges() -> None:
-    has = np.zeros(20, dtype=bool)
-    has[[3, 4, 5, 6, 15]] = True
-    first, last, p = best_range(has)
-    assert (first, last) == (3, 6)
-    alone = stats.hypergeom.sf(3, 20, 5, 4)
-    assert 3 * alone < p < 0.1
+def test_a_range_of_one_in_a_million_has_bonferronis_bound() -> None:
+    has = np.isin(np.arange(4000), np.arange(1000, 1400))
+    assert best_range(has, np.arange(4000)) == (1000, 1400, 0.0)  # below what a float holds
 
 
 def test_serial_numbers_are_in_the_order_of_their_numbers() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from calib.extras.fleet.arm_type import ArmType, LeftOutArm, PooledFit, TypeReport
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Paragraph, Presentation, Section, Table, Verdict
 from calib.rendering.colours import DOUBT, GOOD
@@ -46,7 +46,7 @@ def _table(report: TypeReport) -> Table:
     rows = [
         (
             one.name, numbers.column_mm(one.alone_mm), numbers.column_mm(one.pooled_mm), numbers.share(one.ratio),
-            f"{one.log_bayes_factor:.1f}", _how(one.widened),
+            f"{one.log_bayes_factor:.1f}", "arm alone" if one.widened is None else f"type, sigma × {one.widened:g}",
         )
         for one in report.left_out
     ]  # fmt: skip
@@ -54,65 +54,40 @@ def _table(report: TypeReport) -> Table:
     return Table(columns, rows, caption="3D RMSE at all poses that were not fitted")
 
 
-def _how(widened: float | None) -> str:
-    if widened is None:
-        return "arm alone"
-    return "type" if widened == 1.0 else f"type, sigma × {widened:g}"
-
-
 def _shared(of: ArmType) -> Table:
     """Parameters whose mean is not zero, the clearest first, a dozen at most."""
-    found = [(name, mean, of.prior.sigmas[name]) for name, mean in of.prior.means.items() if abs(mean) > 0.0]
-    clear = sorted(found, key=lambda one: -abs(one[1]) / one[2])
-    clear = [one for one in clear if abs(one[1]) * np.sqrt(len(of.arms)) > _TOLD * one[2]][:12]
+    found = [(name, mean, of.prior.sigmas[name]) for name, mean in of.prior.means.items()]
+    clear = [one for one in found if abs(one[1]) * np.sqrt(len(of.arms)) > _TOLD * one[2]]
+    clear = sorted(clear, key=lambda one: -abs(one[1]) / one[2])[:12]
     rows = [(numbers.parameter_label(name), f"{mean:.3g}", f"{sigma:.2g}") for name, mean, sigma in clear]
     return Table(("parameter", "mean, mm or rad or the effect's unit", "another arm's sigma about it"), rows)
 
 
 @document.register
 def _type_report_document(report: TypeReport) -> dict[str, Any]:
-    of = report.arm_type
+    prior = report.arm_type.prior
     return {
-        "robot": of.robot,
-        "arms": of.arms,
+        **keys_of(report.arm_type, "robot", "arms"),
         "mean_ratio": report.mean_ratio if report.left_out else None,
         "left_out": [_left_out(one) for one in report.left_out],
-        "parameters": [
-            {"name": name, "mean": mean, "sigma": of.prior.sigmas[name]} for name, mean in of.prior.means.items()
-        ],
+        "parameters": [{"name": name, "mean": mean, "sigma": prior.sigmas[name]} for name, mean in prior.means.items()],
     }
 
 
 def _left_out(one: LeftOutArm) -> dict[str, Any]:
-    return {
-        "arm": one.name,
-        "poses": one.poses,
-        "alone_rmse_mm": one.alone_mm,
-        "pooled_rmse_mm": one.pooled_mm,
-        "ratio": one.ratio,
-        "widened": one.widened,
-        "log_bayes_factor": one.log_bayes_factor,
-    }
+    told = {"arm": one.name, "alone_rmse_mm": one.alone_mm, "pooled_rmse_mm": one.pooled_mm}
+    return told | keys_of(one, "poses", "ratio", "widened", "log_bayes_factor")
 
 
 def pooled_block(found: PooledFit, arm_type: ArmType) -> Paragraph:
     """Sentence on whether a fit began from its type."""
-    arms = f"{numbers.count(len(arm_type.arms), 'arm')} of the type {arm_type.robot}"
+    arms, lead = f"{numbers.count(len(arm_type.arms), 'arm')} of the type {arm_type.robot}", found.log_bayes_factor
     if found.widened is None:
-        return Paragraph(
-            f"Fitted alone: that it is like {arms} does not show (log Bayes factor {found.log_bayes_factor:.1f})."
-        )
+        return Paragraph(f"Fitted alone: that it is like {arms} does not show (log Bayes factor {lead:.1f}).")
     wider = "" if found.widened == 1.0 else f", its sigmas × {found.widened:g}"
-    return Paragraph(
-        f"Began from {arms}{wider}: the log Bayes factor over the arm alone is {found.log_bayes_factor:.1f}."
-    )
+    return Paragraph(f"Began from {arms}{wider}: the log Bayes factor over the arm alone is {lead:.1f}.")
 
 
 def pooled_document(found: PooledFit, arm_type: ArmType) -> dict[str, Any]:
     """JSON value of how a fit began."""
-    return {
-        "robot": arm_type.robot,
-        "arms": arm_type.arms,
-        "widened": found.widened,
-        "log_bayes_factor": found.log_bayes_factor,
-    }
+    return keys_of(arm_type, "robot", "arms") | keys_of(found, "widened", "log_bayes_factor")

@@ -10,7 +10,7 @@ from calib.extras.fleet.result import Fleet
 from calib.extras.fleet.row import Row
 from calib.extras.fleet.shared_causes import Group, SharedCause
 from calib.plugins import load
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -46,11 +46,22 @@ Naming = Callable[[str], Span]  # a dataset's path -> what stands for it, such a
 
 @presentation.register
 def _fleet(fleet: Fleet) -> Presentation:
-    kept = [("Taken from an earlier run", fleet.taken_over)] if fleet.taken_over else []
-    return Presentation(f"Fleet: {fleet.folder.resolve().name}", fleet_head(fleet, kept), fleet_sections(fleet))
+    return fleet_presentation(fleet)
 
 
-def fleet_head(fleet: Fleet, more: Sequence[tuple[str, object]] = ()) -> list[Block]:
+def fleet_presentation(fleet: Fleet, name: Naming = str, *more: Section) -> Presentation:
+    """Presentation of a fleet, in which `name` stands for a path, with further sections."""
+    sections = [
+        Section("Causes that arms share", _causes(fleet), brief=True),
+        Section("Arms that changed", _drifts(fleet, name), brief=True),
+        Section("The worst", [_worst(fleet, name)], brief=True),
+        *([Section("Without a result", [_failures(fleet, name)], brief=True)] if fleet.failures else []),
+        Section("All datasets", [_all(fleet, name)]),
+    ]
+    return Presentation(f"Fleet: {fleet.folder.resolve().name}", _head(fleet), [*sections, *more])
+
+
+def _head(fleet: Fleet) -> list[Block]:
     """Blocks at the head of a fleet: counts, items that need attention, verdicts and errors."""
     passed = sum(row.passed for row in fleet.rows)
     robots = sorted({row.robot for row in fleet.rows})
@@ -60,7 +71,7 @@ def fleet_head(fleet: Fleet, more: Sequence[tuple[str, object]] = ()) -> list[Bl
         ("Robots", numbers.listing(robots) if len(robots) < 4 else f"{len(robots)} models"),
         ("Pass the check", f"{passed} of {len(fleet.rows)}"),
         ("Without a result", len(fleet.failures)),
-        *more,
+        ("Taken from an earlier run", fleet.taken_over),
     ]
     verdicts = [(verdict or "without a verdict", count) for verdict, count in fleet.verdicts.items()]
     drawn = FigurePlace("fleet_errors", (fleet,), "Errors of all datasets, the best at the left.")
@@ -88,17 +99,6 @@ def _in_short(fleet: Fleet) -> Verdict:
     if not found:
         return Verdict("Nothing stands out.", GOOD)
     return Verdict(f"{'; '.join(found)}.", BAD if fleet.failures else DOUBT)
-
-
-def fleet_sections(fleet: Fleet, name: Naming = str) -> list[Section]:
-    """Sections on shared causes, changed arms, the worst datasets, failures, and all; `name` stands for a path."""
-    return [
-        Section("Causes that arms share", _causes(fleet), brief=True),
-        Section("Arms that changed", _drifts(fleet, name), brief=True),
-        Section("The worst", [_worst(fleet, name)], brief=True),
-        *([Section("Without a result", [_failures(fleet, name)], brief=True)] if fleet.failures else []),
-        Section("All datasets", [_all(fleet, name)]),
-    ]
 
 
 # ---- causes that arms share -----------------------------------------------------------------------------------------
@@ -160,17 +160,18 @@ def _drifts(fleet: Fleet, name: Naming) -> list[Block]:
         return [Paragraph("Datasets of one arm are not compared: what tests for changes (watch) is not installed.")]
     if not fleet.drifts:
         return [Paragraph("No arm has two datasets with its serial number and different dates in [about].")]
-    rest = [drift for drift in fleet.drifts if not drift.of_the_arm]
-    other = [drift for drift in rest if drift.verdict in ("changed", "unclear")]
-    same = sum(drift.verdict == "unchanged" for drift in rest)
+    other = [drift for drift in fleet.drifts if drift.verdict in ("changed", "unclear") and not drift.of_the_arm]
+    same = sum(drift.verdict == "unchanged" for drift in fleet.drifts)
     unknown = [
-        f"{drift.base} and {drift.later} were not compared: {drift.reason}" for drift in rest if not drift.verdict
+        f"{drift.base} and {drift.later} were not compared: {drift.reason}"
+        for drift in fleet.drifts
+        if not drift.verdict
     ]
-    none = Paragraph("None of the arms changed.")
     caption = "The scanner, the base or the noise changed, or it cannot be discriminated from the arm"
+    tables = ((fleet.drifted, "The arm itself changed"), (other, caption))
     return [
-        _drift_table(fleet, fleet.drifted, name, "The arm itself changed") if fleet.drifted else none,
-        *([_drift_table(fleet, other, name, caption)] if other else []),
+        *([] if fleet.drifted else [Paragraph("None of the arms changed.")]),
+        *(_drift_table(fleet, drifts, name, caption) for drifts, caption in tables if drifts),
         Paragraph(f"{numbers.count(same, 'pair')} of datasets unchanged.", soft=True),
         *([Bullets(unknown)] if unknown else []),
     ]
@@ -228,12 +229,9 @@ def _ratio(row: Row) -> str:
 
 @document.register
 def _fleet_document(fleet: Fleet) -> dict[str, Any]:
-    return {
+    return keys_of(fleet, "taken_over", "seconds", "rows") | {
         "folder": str(fleet.folder),
         "datasets": len(fleet.rows) + len(fleet.failures),
-        "taken_over": fleet.taken_over,
-        "seconds": fleet.seconds,
-        "rows": fleet.rows,
         "failed": fleet.failures,
         "drift": [_drift_document(drift, fleet) for drift in fleet.drifts],
         "shared_causes": fleet.shared,
@@ -242,24 +240,9 @@ def _fleet_document(fleet: Fleet) -> dict[str, Any]:
 
 
 def _drift_document(drift: Drift, fleet: Fleet) -> dict[str, Any]:
-    sentence, test = drift.reason, change_test()
+    words, test = drift.reason, change_test()
     if test is not None and drift.verdict and drift.rmse_mm is not None and drift.expected_mm is not None:
-        sentence = load(test.sentence)(
-            fleet.row(drift.later).name,
-            drift.verdict,
-            drift_phrases(drift),
-            drift.poses,
-            drift.rmse_mm,
-            drift.expected_mm,
-        )
-    return {
-        "base": drift.base,
-        "later": drift.later,
-        "verdict": drift.verdict,
-        "changes": drift.changes,
-        "rmse_mm": drift.rmse_mm,
-        "expected_mm": drift.expected_mm,
-        "words": sentence,
-        "settled": drift.settled,
-        "of_the_arm": bool(drift.of_the_arm),
-    }
+        of_cell = (drift.verdict, drift_phrases(drift), drift.poses, drift.rmse_mm, drift.expected_mm)
+        words = load(test.sentence)(fleet.row(drift.later).name, *of_cell)
+    told = keys_of(drift, "base", "later", "verdict", "changes", "rmse_mm", "expected_mm", "settled")
+    return told | {"words": words, "of_the_arm": bool(drift.of_the_arm)}
