@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import DatasetError
-from calib.text_files.csv_text import MOST_BYTES
+from calib.text_files.csv_text import MOST_BYTES, MOST_CELLS
 from calib.text_files.text_file import read_text
 
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
@@ -143,6 +143,9 @@ def _json_rows(path: Path) -> Rows:
         raise DatasetError(f"{path}: holds no list of records; one object a pose in a list is needed")
     records = [flat_record(each) for each in content[:_MOST_ROWS]]
     names = list(dict.fromkeys(name for record in records for name in record))
+    if len(records) * len(names) > MOST_CELLS:
+        found = f"its {len(records)} records have {len(names)} different keys"
+        raise DatasetError(f"{path}: {found}; give all records the same keys")
     return [names, *[[record.get(name, "") for name in names] for record in records]]
 
 
