@@ -72,11 +72,11 @@ def ask(function: str, request: Mapping[str, Any], limits: ProcessLimits = Proce
     except ValueError:
         answer = None
     if not isinstance(answer, dict) or "answer" not in answer:
-        raise ProcessFailed(_how_it_ended(process.returncode, limits, answer))
+        raise ProcessFailed(how_it_ended(process.returncode, limits, answer))
     return answer["answer"]
 
 
-def _how_it_ended(code: int, limits: ProcessLimits, answer: Any) -> str:
+def how_it_ended(code: int, limits: ProcessLimits, answer: Any = None) -> str:
     """Reason why a process gave no answer, from its exit code and output, as the end of a sentence about the file."""
     if isinstance(answer, dict) and "failed" in answer:
         return str(answer["failed"])

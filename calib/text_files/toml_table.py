@@ -13,7 +13,7 @@ from typing import Any
 from calib.errors import DatasetError, is_one_line
 from calib.text_files.text_file import read_text
 
-MOST_BYTES = 10_000_000
+MOST_BYTES = 2_000_000  # parsed, it takes some hundred times as much
 LARGEST_INTEGER = 2**63  # beyond it TOML promises nothing
 REMEDY = "write numbers of usual size"
 MOST_PARTS = 20  # of a dotted key: a parser's memory grows with their square

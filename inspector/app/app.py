@@ -25,7 +25,7 @@ from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
-from inspector.app.page.dataset_list import has_scans, names_of
+from inspector.app.page.dataset_list import have_scans, names_of
 from inspector.app.page.page_state import PageState
 from inspector.app.page.playback import Playback
 from inspector.app.page.tab_controller import Page, TabController
@@ -67,7 +67,7 @@ class App:
         if saved is not None:
             start = next(name for name, folder in named.items() if folder == saved.folder)
         user_effects, scans = UserEffects(effects_file), ScanCache()
-        scans_first = has_scans(folders[0])
+        (scans_first,) = have_scans(folders[:1])
         panels = add_panels(server.gui, self, tuple(named), scans_first=scans_first, takes_data=data is not None)
         self.panels, self.state = panels, PageState(panels.headline.update)
         self.stage = Stage(server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint)

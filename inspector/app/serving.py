@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from calib.dataset.files.folder import find_datasets
 from calib.errors import CalibError
+from calib.served_process import warm_up
 from inspector.app.app import App
-from inspector.app.page.dataset_list import has_scans
+from inspector.app.page.dataset_list import have_scans
 from inspector.server.viser_server import LOOPBACK, start_server
 from inspector.session.reopening import Opening
 
@@ -35,9 +37,11 @@ def serving(
     """
     # Those with scans first: a page that opens on one shows the whole way, from scan to model.
     found = {folder.resolve(): folder for folder in [*find_datasets(path), *_imported_before(data)]}
-    folders = sorted(found.values(), key=lambda folder: not has_scans(folder))
+    scanned = dict(zip(found, have_scans(found), strict=True))
+    folders = [found[place] for place in sorted(found, key=lambda place: not scanned[place])]
     if effects_file is not None and not effects_file.is_file():
         raise CalibError(f"{effects_file}: no such effects file")
+    threading.Thread(target=warm_up, daemon=True).start()
     server = start_server(host, port, label="Calibration inspector")
     app = App(server, folders, effects_file, saved, path, data)
     try:

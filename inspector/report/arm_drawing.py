@@ -222,7 +222,9 @@ def _floor(picture: _Shown, view: _View) -> str:
 
 
 def _grid_mm(view: _View) -> float:
-    return next(mm for mm in (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4) if mm * view.px_per_mm > 28.0)
+    """Distance of the floor's lines: 1, 2 or 5 times a power of ten, with room between them in the picture."""
+    tens = 10.0 ** np.floor(np.log10(28.0 / view.px_per_mm))
+    return float(next(mm for mm in tens * np.array([1.0, 2.0, 5.0, 10.0]) if mm * view.px_per_mm > 28.0))
 
 
 def _arrows(picture: _Shown, view: _View, longer: float, colour: str) -> str:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import ArchiveLimits, unpack
-from calib.dataset_import.user_files import UserFiles
+from calib.dataset_import.import_dataset import ImportChoice, plan_of_files, without_folder
+from calib.dataset_import.plan import ImportPlan
+from calib.dataset_import.user_files import UserFiles, look_through
 from calib.errors import CalibError
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.robot_file import tips_of
@@ -22,23 +26,42 @@ def robots_of(files: UserFiles) -> dict[str, str]:
     return own | _BUILT_IN
 
 
-def tips_or_none(robot: str | None) -> tuple[str, ...]:
+@dataclass(frozen=True)
+class LookedThrough:
+    """What uploaded files are: a dataset that can be opened, or what one can be made of, as far as that is known."""
+
+    files: UserFiles
+    plan: ImportPlan | None = None
+    tips: tuple[str, ...] = ()  # possible end links of the arm in a URDF
+    ready: Dataset | None = None
+    faults: tuple[str, ...] = ()  # why what looks like a dataset cannot be opened
+
+
+def looked_through(folder: Path, choice: ImportChoice) -> LookedThrough:
+    """Uploaded files recognised, and a dataset planned of them as far as it was chosen."""
+    files = look_through(folder)
+    if len(files.datasets) > 1:
+        return LookedThrough(files, faults=(f"These are {len(files.datasets)} datasets; drop one of them alone.",))
+    if files.datasets:
+        try:
+            return LookedThrough(files, ready=load_dataset(files.datasets[0]))
+        except CalibError as error:
+            return LookedThrough(files, faults=(str(error).replace(f"{files.folder}/", ""),))
+    robot = choice.robot or next(map(str, files.robots), None)
+    tips = _tips_or_none(robot)
+    reading = choice.reading
+    if len(tips) > 1 and reading.tip is None:
+        reading = replace(reading, tip=tips[0])  # the longest arm; the list shows it
+    plan = without_folder(plan_of_files(files, replace(choice, reading=reading)), folder)
+    return LookedThrough(files, plan, tips)
+
+
+def _tips_or_none(robot: str | None) -> tuple[str, ...]:
     """Possible end links of the arm in a URDF; () where there is no choice."""
     try:
         return () if robot is None or robot in BUILTIN_ROBOTS else tips_of(Path(robot))
     except CalibError:  # it is told as a fault of the plan
         return ()
-
-
-def dataset_faults(files: UserFiles) -> tuple[str, ...]:
-    """Reasons why an uploaded folder that looks like a dataset cannot be opened."""
-    if len(files.datasets) > 1:
-        return (f"These are {len(files.datasets)} datasets; drop one of them alone.",)
-    try:
-        load_dataset(files.datasets[0])
-    except CalibError as error:
-        return (str(error).replace(f"{files.folder}/", ""),)
-    return ()
 
 
 def add_file(path: Path, name: str, folder: Path, room_bytes: int) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 from calib.dataset.files.fingerprint import table_hashes
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError, visible
+from calib.served_process import within_limits
 from inspector.session.session_file import KIND, Saved, SessionFileError, load_session
 
 _HEAD_BYTES = 4096
@@ -24,9 +25,9 @@ def is_session_file(path: Path) -> bool:
 
 
 def read_session(path: Path, name: str) -> Saved:
-    """Session of a dropped file; `name`: what messages call the file. Raises SessionFileError."""
+    """Session of a dropped file; `name`: what messages call the file. Raises CalibError."""
     try:
-        return replace(load_session(path), path=Path(name))
+        return replace(within_limits(name, load_session, path), path=Path(name))
     except SessionFileError as error:
         raise SessionFileError(str(error).replace(str(path), name)) from None
 
@@ -36,6 +37,13 @@ def dataset_of_session(saved: Saved, folders: Iterable[Path]) -> Path | None:
 
     Of several with the recorded name, one in a folder that is called as the recorded one.
     """
+    try:
+        return within_limits(saved.path.name, _recorded, saved, tuple(folders))
+    except CalibError:
+        return None
+
+
+def _recorded(saved: Saved, folders: tuple[Path, ...]) -> Path | None:
     readable = {folder: files for folder in folders if (files := _hashes(folder)) is not None}
     for folder, files in readable.items():
         if all(saved.origin.files.get(name) == content for name, content in files.items()):

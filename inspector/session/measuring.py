@@ -6,14 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from calib.corners.batch import declared_noise, of_one_jig
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_arriving_dataset, load_dataset
-from calib.errors import CalibError, DatasetError
+from calib.errors import CalibError, DatasetError, printable
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations
 from calib.identifiability.structural import redundancy_of
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import RESIDUAL_KINDS
+from calib.served_process import within_limits
 from calib.targets.batch import finder_of, search_targets_file
 from inspector.session.session import Session, untested
 
@@ -23,12 +25,17 @@ def open_session(folder: Path) -> Session:
 
     What a complete dataset would have and this one has not (yet) is a warning in it.
     """
+    return Session(within_limits(printable(folder.name), _readable, folder))
+
+
+def _readable(folder: Path) -> Dataset:
+    """Dataset of a folder as far as it is there."""
     try:
-        return Session(load_dataset(folder))
+        return load_dataset(folder)
     except DatasetError as error:
         tables = [path.name for path in folder.glob("*.csv")]
         arrived = load_arriving_dataset(folder, tables).dataset  # raises for any other fault
-        return Session(replace(arrived, warnings=(*arrived.warnings, f"still being measured? {error}")))
+        return replace(arrived, warnings=(*arrived.warnings, f"still being measured? {error}"))
 
 
 def with_search(session: Session, pose: int) -> Session:

@@ -13,10 +13,11 @@ from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.errors import CalibError
+from calib.errors import CalibError, printable
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.screening.blunders import without_blunders
+from calib.served_process import within_limits
 from calib.targets.batch import find_targets
 from calib.validation.comparison import Comparison, comparison_of
 from inspector.session.session import Session
@@ -41,7 +42,7 @@ class Beside:
 
 def measured_dataset(folder: Path, *, orientation: bool = False) -> Dataset:
     """Dataset of a folder that is not open, its scans searched where it has no points. Raises CalibError."""
-    dataset = load_dataset(folder)
+    dataset = within_limits(printable(folder.name), load_dataset, folder)
     if dataset.points is None:
         dataset = with_corners(dataset, find_targets(dataset, intermediate=False), orientation=orientation)
     return dataset

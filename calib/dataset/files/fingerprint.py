@@ -18,6 +18,8 @@ _WITHOUT_POINTS = 3  # files: dataset.toml, robot, poses
 def content_hash(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal. Raises DatasetError where it cannot be read."""
     digest = hashlib.sha256()
+    if path.exists() and not path.is_file():  # reading a pipe would wait for ever
+        raise DatasetError(f"{path}: is no file; put the dataset's file in its place")
     try:
         with path.open("rb") as file:
             while chunk := file.read(_CHUNK):

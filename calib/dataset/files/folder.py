@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tomllib
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -198,8 +197,8 @@ def usual_residual_of(folder: Path) -> str:
     "position" where the file cannot be read: what opens the dataset says why.
     """
     try:
-        top = tomllib.loads((folder / "dataset.toml").read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError):
+        top = TomlTable.load(folder / "dataset.toml").data
+    except DatasetError:
         return "position"
     scanner = top.get("scanner")
     scanner = scanner if isinstance(scanner, dict) else {}

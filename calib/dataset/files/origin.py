@@ -155,10 +155,10 @@ class _Embedded(msgspec.Struct, frozen=True):
 
 def read_origin(path: Path) -> Origin:
     """Origin that a model, a session or a report in HTML carries. Raises DatasetError where there is none."""
+    if not path.is_file():  # reading a pipe would wait for ever
+        raise DatasetError(f"{path}: {'is no file' if path.exists() else 'no such file'}")
     try:
         content = path.read_text(encoding="utf-8") if path.stat().st_size <= _LARGEST else ""
-    except FileNotFoundError:
-        raise DatasetError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError):
         content = ""
     try:

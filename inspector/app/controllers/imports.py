@@ -10,15 +10,15 @@ from typing import TypeVar
 import viser
 
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.import_dataset import ImportChoice, copy_dataset, plan_of_files, without_folder, write_plan
+from calib.dataset_import.import_dataset import ImportChoice, copy_dataset, write_plan
 from calib.dataset_import.plan import ImportPlan
 from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
-from calib.dataset_import.user_files import UserFiles, look_through
+from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError
 from calib.robot_formats.robot_file import ReadOptions
 from calib.robot_formats.tables import CONVENTIONS
+from calib.served_process import within_limits
 from inspector.panels.your_data import (
     CHOOSE,
     SAME,
@@ -30,7 +30,7 @@ from inspector.panels.your_data import (
     all_meanings,
     explain,
 )
-from inspector.server.arrived_files import add_file, dataset_faults, robots_of, tips_or_none
+from inspector.server.arrived_files import add_file, looked_through, robots_of
 from inspector.server.background import Background
 from inspector.server.uploads import Upload, Uploads, answer, plain_name, take_uploads
 from inspector.server.viser_server import InspectorServer, guard_gui
@@ -185,30 +185,20 @@ class Imports:
         at.plans += 1
         number, choice, folder, wrong = at.plans, at.choice, at.folder, at.wrong
 
-        def planned() -> tuple[UserFiles, ImportPlan | None, tuple[str, ...], tuple[str, ...]]:
-            files = look_through(folder)
-            if files.datasets:
-                return files, None, (), dataset_faults(files)
-            robot = choice.robot or next(map(str, files.robots), None)
-            tips = tips_or_none(robot)
-            reading = choice.reading
-            if len(tips) > 1 and reading.tip is None:
-                reading = replace(reading, tip=tips[0])  # the longest arm; the list shows it
-            plan = without_folder(plan_of_files(files, replace(choice, reading=reading)), folder)
-            if wrong:
-                plan = replace(plan, faults=(*wrong, *plan.faults), content=None, preview=None)
-            return files, plan, tips, ()
-
-        made = yield from self._background.run(planned, lambda: self._open.get(at.client) is at)
+        made = yield from self._background.run(
+            lambda: within_limits("these files", looked_through, folder, choice),
+            lambda: self._open.get(at.client) is at,
+        )
         # One that was begun later, and knows more, may have ended before this one.
         if made is None or self._open.get(at.client) is not at or at.plans != number:
             return
-        at.files, at.plan, at.tips, faults = made
+        at.files, at.plan, at.tips, at.ready = made.files, made.plan, made.tips, made.ready
+        if at.plan is not None and wrong:
+            at.plan = replace(at.plan, faults=(*wrong, *at.plan.faults), content=None, preview=None)
         if at.plan is None or not at.plan.bad_rows:  # a tick is for the rows that were there as it was set
             at.choice = replace(at.choice, skip_bad_rows=False)
-        at.ready = None if at.plan is not None or faults else load_dataset(at.files.datasets[0])
         at.session, at.session_words = _session_among(folder, at.ready)
-        at.window.show(self._offer(at, faults))
+        at.window.show(self._offer(at, made.faults))
 
     def _offer(self, at: _Import, faults: tuple[str, ...]) -> Offer:
         files, choice = at.files, at.choice

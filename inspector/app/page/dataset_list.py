@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError, printable
+from calib.served_process import within_limits
 
 
-def has_scans(folder: Path) -> bool:
-    """Whether a dataset has scans; False for a folder that cannot be read, whose error appears when it is opened."""
+def have_scans(folders: Iterable[Path]) -> list[bool]:
+    """Whether each dataset has scans; one that cannot be read counts, its error appears when it is opened."""
+    given = tuple(folders)
     try:
-        return load_dataset(folder).scan_folder is not None
+        return within_limits("the datasets", _have_scans, given)
     except CalibError:
-        return True
+        return [True] * len(given)
+
+
+def _have_scans(folders: Iterable[Path]) -> list[bool]:
+    def has_scans(folder: Path) -> bool:
+        try:
+            return load_dataset(folder).scan_folder is not None
+        except CalibError:
+            return True
+
+    return list(map(has_scans, folders))
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:

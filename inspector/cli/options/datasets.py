@@ -69,7 +69,7 @@ class SimulateOptions(Output):
 
     path: Path = argument("folder to make")
     robot: str = option(f"{', '.join(BUILTIN_ROBOTS)}, or a robot.toml", required=True)
-    poses: int = option("default 64", 64)
+    poses: int = option("default 64", 64, parse=values.simulated_pose_count)
     effect: Sequence[str] = several("may be given several times", metavar="NAME")
     scans: bool = flag("cast scans of the jig instead of points")
     smooth_noise_mm: float | None = option(
@@ -84,5 +84,5 @@ class SimulateOptions(Output):
         "room",
         choices=("room", "flange"),
     )
-    seed: int = option("default 0", 0)
+    seed: int = option("default 0", 0, parse=values.seed)
     noise_mm: float = option("of a measured point, each axis (default 0.05)", 0.05)

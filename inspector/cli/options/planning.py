@@ -64,7 +64,7 @@ class PlanOptions(FittingOptions, RobotFileOptions):
         metavar="X",
         parse=values.mass_kg,
     )
-    seed: int = option("of the poses to choose from (default 0)", 0)
+    seed: int = option("of the poses to choose from (default 0)", 0, parse=values.seed)
     out: Path | None = option(
         "write the poses: .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID), .yaml (ROS trajectory)",
     )

@@ -54,6 +54,16 @@ def pose_count(text: str) -> int:
     return whole(text, 1, 200, "number of poses")
 
 
+def simulated_pose_count(text: str) -> int:
+    """Number of poses to simulate, from an option's text."""
+    return whole(text, 1, 100_000, "number of poses")
+
+
+def seed(text: str) -> int:
+    """Seed of random numbers, from an option's text."""
+    return whole(text, 0, 2**63 - 1, "seed")
+
+
 def plan_region(text: str) -> str | tuple[float, ...]:
     """Name of a region to plan for, or the box "x0,x1,y0,y1,z0,z1"."""
     if text in PLAN_REGIONS:

@@ -29,8 +29,6 @@ def run_simulate(options: SimulateOptions) -> int:
     """Simulate a dataset with known truth."""
     if options.path.exists() and (not options.path.is_dir() or any(options.path.iterdir())):
         raise DatasetError(f"{options.path}: exists and is not empty; name a new folder")
-    if options.seed < 0:
-        raise DatasetError(f"--seed {options.seed}: a seed is 0 or more")
     least, most = LEAST_SIGMA_MM, MOST_SIGMA_MM
     if options.noise_mm != 0.0 and not least <= options.noise_mm <= most:  # such a dataset could not be read
         raise DatasetError(f"--noise-mm {options.noise_mm:g}: give 0, or {least:g} to {most:g} mm")
