@@ -16,7 +16,7 @@ from calib import frames
 from calib.array_types import Array, BoolArray
 from calib.compensation.target_correction import plain_poses
 from calib.compensation.tool_problem import ToolProblem
-from calib.extras.robot_programs.program_text.source import NO_CONFIGURATION, Configuration
+from calib.extras.robot_programs.program_text.targets import NO_CONFIGURATION, Configuration
 from calib.fitting.model import geometric_model
 from calib.kinematics import chain as kinematics
 from calib.kinematics.flange import flange_frames, flange_T_tip

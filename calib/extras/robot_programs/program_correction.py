@@ -24,7 +24,7 @@ from calib.errors import CalibError
 from calib.extras.robot_programs.postures import Place, along, postures_at, same_posture
 from calib.extras.robot_programs.program_targets import Frames, Program, frame_of, require_frames
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
-from calib.extras.robot_programs.program_text.source import NO_CONFIGURATION, ProgramTarget
+from calib.extras.robot_programs.program_text.targets import NO_CONFIGURATION, ProgramTarget
 from calib.kinematics.flange import flange_frames, flange_T_tip, measured_point_on_flange
 from calib.kinematics.robot import FixedFrame, Robot
 from calib.rendering import numbers

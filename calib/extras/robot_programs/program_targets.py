@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,15 +10,13 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
-from calib.extras.robot_programs.program_text import krl, rapid, urscript
+from calib.extras.robot_programs.program_text.krl import KrlReader
 from calib.extras.robot_programs.program_text.pose_numbers import FORM, NUMBERS, least_decimals, pose_transform
-from calib.extras.robot_programs.program_text.source import (
-    NamedFrame,
-    ProgramTarget,
-    ProgramTargets,
-    SkippedLiteral,
-    Source,
-)
+from calib.extras.robot_programs.program_text.rapid import RapidReader
+from calib.extras.robot_programs.program_text.reading import ProgramReader
+from calib.extras.robot_programs.program_text.source import Source
+from calib.extras.robot_programs.program_text.targets import NamedFrame, ProgramTarget, SkippedLiteral
+from calib.extras.robot_programs.program_text.urscript import UrscriptReader
 
 LANGUAGES = {
     **dict.fromkeys((".script", ".urscript"), "URScript"),
@@ -27,11 +25,7 @@ LANGUAGES = {
 }
 """Languages by the suffix of a program's file."""
 _LARGEST_BYTES = 10_000_000
-_READERS: dict[str, tuple[Callable[[Source], ProgramTargets], object]] = {
-    "URScript": (urscript.urscript_targets, urscript.MASKED),
-    "KRL": (krl.krl_targets, krl.MASKED),
-    "RAPID": (rapid.rapid_targets, rapid.MASKED),
-}
+_READERS: dict[str, type[ProgramReader]] = {"URScript": UrscriptReader, "KRL": KrlReader, "RAPID": RapidReader}
 
 
 @dataclass(frozen=True)
@@ -79,9 +73,9 @@ def load_program(path: Path, others: Sequence[Path] = ()) -> Program:
             raise CalibError(
                 f"{other}: is {language_of(other)}, and {path} is {language}; name a file of its controller"
             )
-    read, masked = _READERS[language]
+    reader = _READERS[language]
     texts = [(name, text.decode("latin-1")) for name, text in more]
-    found = read(Source(str(path), content.decode("latin-1"), masked, texts))  # type: ignore[arg-type]
+    found = reader(Source(reader.syntax, str(path), content.decode("latin-1"), texts)).targets()
     if not found.targets:
         first = next(iter(found.left), None)
         seen = (
@@ -161,7 +155,11 @@ def require_frames(program: Program, tools: Frames, works: Frames) -> None:
         ("--tool-frame", tools, [(target, target.tool) for target in program.targets]),
         ("--work-frame", works, [(target, target.work) for target in program.targets]),
     ):
-        open_ = {frame.name.lower(): (frame, target) for target, frame in reversed(frames) if frame and frame.is_open}
+        open_ = {
+            frame.name.lower(): (frame, target)
+            for target, frame in reversed(frames)
+            if frame and frame.transform is None
+        }
         unneeded = [name for name in given if (name not in open_ if name else not open_.keys() - given.keys())]
         if unneeded:
             what = f"{option} {unneeded[0]}".rstrip()

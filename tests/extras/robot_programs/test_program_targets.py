@@ -376,7 +376,7 @@ speeds = [0, 0, 0, 0, 0, 0]
     assert found.targets[0].near == (-1.6, -1.7, -2.2, -0.8, 1.59, -0.03)
     np.testing.assert_allclose(found.targets[-1].values[:2], np.radians([90.0, -45.5]))
     left = reasons(found)
-    assert left[9] == "line 10 sets one of its numbers anew"
+    assert left[9] == "line 10 sets q[0] anew"
     assert left[12] == "no motion of the program uses it"
     changed = found.with_values({3: np.array([np.pi / 3.0, 0.0, 0.0, 0.0, 1.0, 0.0])})
     assert b"movej([d2r(60.000000), d2r( 0.000000 ), 0, 0, 1, 0])" in changed
@@ -502,14 +502,15 @@ def test_rapid_moves_are_followed_into_routines(tmp_path: Path) -> None:
     text = f"""MODULE M
 CONST robtarget pick:=[[600,0,100],[0,0,1,0],{end};
 CONST robtarget place:=[[600,0,200],[0,0,1,0],{end};
-CONST robtarget unused:=[[600,0,300],[0,0,1,0],{end};
+CONST robtarget handed:=[[600,0,300],[0,0,1,0],{end};
 VAR robtarget set:=[[600,0,400],[0,0,1,0],{end};
 VAR robtarget up:=[[600,0,500],[0,0,1,0],{end};
 CONST robtarget Move1:=[[600,0,600],[0,0,1,0],{end};
 CONST robtarget atTool:=[[600,0,700],[0,0,1,0],{end};
 PROC main()
-  Fetch pick\\Fast;
-  Fetch Offs(place,0,0,5);
+  MoveJ pick,v100,z10,grip;
+  MoveJ Offs(place,0,0,5),v100,z10,grip;
+  Fetch handed\\Fast;
   set.trans.z:=100;
   MoveL set,v100,z10,grip;
   up.trans.z:=up.trans.z+10;
@@ -530,7 +531,7 @@ ENDMODULE
     assert [t.keeps_posture for t in found.targets] == [False, False, True, True]
     left = reasons(found)
     assert left[4] == "no motion of the program uses it"
-    assert left[5] == "line 12 sets set.trans.z anew"
+    assert left[5] == "line 13 sets set.trans.z anew"
     assert "robhold" in left[8]
 
 

@@ -10,8 +10,12 @@ from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Literal, TypeVar
 
-Kind = Literal["routine", "if", "else", "loop", "end", "call", "set", "use"]
-_OPENING = ("routine", "if", "loop")
+FlowKind = Literal[
+    "routine", "if", "switch", "loop", "always", "else", "otherwise", "end", "call", "set", "use"
+]  # fmt: skip
+"""A `switch` is an `if` whose first branch an `else` begins, which is one more branch; `otherwise` is the branch of
+whatever is left, `always` a loop that is entered in any case."""
+_OPENING = ("routine", "if", "switch", "loop", "always")
 _DEEPEST = 40  # calls within calls that are followed
 
 Value = TypeVar("Value", bound=Hashable)
@@ -23,8 +27,8 @@ class FlowEvent(Generic[Held]):
     """Something at a place of a program that its flow depends on."""
 
     place: int
-    kind: Kind
-    name: str = ""  # of a routine or a call; "else": "" if nothing else is taken; "loop": "always" if it is entered
+    kind: FlowKind
+    name: str = ""  # of a routine or a call
     value: Held | None = None  # of a "set"
 
 
@@ -32,17 +36,22 @@ class FlowEvent(Generic[Held]):
 class _Block(Generic[Value]):
     """A block of the program, or the whole: its parts in their order, for each branch."""
 
-    kind: Kind
+    kind: FlowKind
     name: str = ""
     branches: list[list[FlowEvent[Value] | _Block[Value]]] = field(default_factory=lambda: [[]])
     complete: bool = False  # one of the branches is always taken
+
+    def add(self, part: FlowEvent[Value] | _Block[Value]) -> None:
+        if not self.branches:
+            self.branches.append([])
+        self.branches[-1].append(part)
 
 
 def reaching(marks: Iterable[FlowEvent[Value]], before: Value, *, top_first: bool) -> dict[int, frozenset[Value]]:
     """Values that may hold at each "use", by its place.
 
     Args:
-        marks: of the program, in any order.
+        marks: of the program; of those at one place the "use" comes before the "set".
         before: the value at the start.
         top_first: whether what stands outside of routines runs before those that nothing calls.
     """
@@ -52,27 +61,22 @@ def reaching(marks: Iterable[FlowEvent[Value]], before: Value, *, top_first: boo
     doubles: list[_Block[Value]] = []  # routines of a name that another one has
     uses: list[int] = []
     for mark in sorted(marks, key=lambda each: each.place):
+        inner = open_[-1]
         if mark.kind in _OPENING:
-            block: _Block[Value] = _Block(mark.kind, mark.name, [] if mark.name == "SWITCH" else [[]])
-            if not open_[-1].branches:
-                open_[-1].branches.append([])
-            if mark.kind == "routine":
-                if routines.setdefault(mark.name, block) is not block:
-                    doubles.append(block)
-            else:
-                open_[-1].branches[-1].append(block)
+            block: _Block[Value] = _Block(mark.kind, mark.name, [] if mark.kind == "switch" else [[]])
+            if mark.kind != "routine":
+                inner.add(block)
+            elif routines.setdefault(mark.name, block) is not block:
+                doubles.append(block)
             open_.append(block)
-        elif mark.kind == "else":
-            if open_[-1].kind == "if":
-                open_[-1].branches.append([])
-                open_[-1].complete |= not mark.name
+        elif mark.kind in ("else", "otherwise"):
+            if inner.kind in ("if", "switch"):
+                inner.branches.append([])
+                inner.complete |= mark.kind == "otherwise"
         elif mark.kind == "end":
-            if len(open_) > 1:
-                open_.pop()
+            open_ = open_[:-1] or open_
         else:
-            if not open_[-1].branches:
-                open_[-1].branches.append([])
-            open_[-1].branches[-1].append(mark)
+            inner.add(mark)
             uses += [mark.place] if mark.kind == "use" else []
     walk = _Walk(routines, whole)
     start = frozenset([before])
@@ -101,6 +105,11 @@ class _Walk(Generic[Value]):
         }
         self.entered: set[str] = set()
 
+    def start(self) -> None:
+        """Begin another pass, which ends unchanged once what routines return is found."""
+        self._done.clear()
+        self.changed = False
+
     def through(
         self, parts: Sequence[FlowEvent[Value] | _Block[Value]], state: frozenset[Value], depth: int
     ) -> frozenset[Value]:
@@ -116,10 +125,10 @@ class _Walk(Generic[Value]):
         return state
 
     def _block(self, block: _Block[Value], state: frozenset[Value], depth: int) -> frozenset[Value]:
-        if block.kind == "loop":
+        if block.kind in ("loop", "always"):
             state = state | self.through(block.branches[0], state, depth)
             after = self.through(block.branches[0], state, depth)
-            return after if block.name == "always" else state | after
+            return after if block.kind == "always" else state | after
         ends = [self.through(branch, state, depth) for branch in block.branches]
         return frozenset().union(*ends, frozenset() if block.complete else state)
 
@@ -139,11 +148,6 @@ class _Walk(Generic[Value]):
             self._after[key] = after
             self._running.remove(key)
         return self._after[key]
-
-    def start(self) -> None:
-        """Begin another pass, which ends unchanged once what routines return is found."""
-        self._done.clear()
-        self.changed = False
 
 
 def _calls(block: _Block[Value]) -> list[FlowEvent[Value]]:

@@ -9,295 +9,208 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import cached_property
 from math import inf
-from typing import Never
 
 import numpy as np
 
-from calib.extras.robot_programs.program_text.flow import FlowEvent
-from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Reading, Visit
+from calib.array_types import Array
+from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
-from calib.extras.robot_programs.program_text.source import (
-    Configuration,
-    Group,
-    NamedFrame,
-    ProgramTargets,
-    Source,
+from calib.extras.robot_programs.program_text.reading import (
+    COMPUTED,
+    Aim,
+    Assignment,
+    Frames,
+    Held,
+    ProgramReader,
+    Told,
+    Visit,
 )
+from calib.extras.robot_programs.program_text.source import Item, Part, Statement, Syntax
+from calib.extras.robot_programs.program_text.targets import Configuration, NamedFrame, ProgramTarget
 
-MASKED = re.compile(r"\"[^\"\r\n]*\"?|;[^\r\n]*|(?:(?<=\n)|(?<=\r)|\A)[ \t]*&[^\r\n]*")
-JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
-POSE = ("X", "Y", "Z", "A", "B", "C")
-_EXTERNAL = {"E1", "E2", "E3", "E4", "E5", "E6"}
-_COMPONENTS = {*JOINTS, *POSE, "S", "T", *_EXTERNAL}
-_JOINT_MOTIONS = {"PTP", "SPTP"}
-_CIRCULAR = {"CIRC", "SCIRC"}
-_MOTIONS = {*_JOINT_MOTIONS, "LIN", "SLIN", "SPL", *_CIRCULAR}
-_NO_POSITION = re.compile(r"\b(FRAME|FDAT|LDAT|PDAT|LOAD)[ \t]+([A-Za-z_]\w*)", re.IGNORECASE)
-_COMPONENT = re.compile(r"\s*([A-Za-z_]\w*)\s+(\S.*?)\s*", re.DOTALL)
-_HELD = re.compile(r"([\w$\]]*\.)?(\$?[A-Za-z_]\w*)\s*(?:\[\s*([^\]]*?)\s*\])?\s*(?<![=<>])=$")
-_CHANGED = re.compile(
-    r"^[ \t]*([A-Za-z_]\w*)[ \t]*(?:\[[^\]\r\n]*\])?[ \t]*\.[ \t]*(\w+)[ \t]*=(?!=)([^\r\n]*)",
-    re.IGNORECASE | re.MULTILINE,
-)
-_STATEMENT = re.compile(r"(?:\A|(?<=[\r\n]))[ \t]*(?:GLOBAL[ \t]+)?([A-Za-z_]\w*)", re.IGNORECASE)
-_AIM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*([^\]\r\n]*?)\s*\])?\s*(?=[,:\r\n]|C_|WITH\b|$)", re.IGNORECASE)
-_FRAME_SET = re.compile(r"(?<![\w$])\$(BASE|TOOL)\b(\.\w+)?\s*=(?!=)\s*", re.IGNORECASE)
-_BAS = re.compile(r"\bBAS\s*\(\s*#(BASE|TOOL)\s*,\s*(\w+)\s*\)", re.IGNORECASE)
-_ACTIVE = re.compile(r"\bFDAT_ACT\s*=\s*([A-Za-z_]\w*)", re.IGNORECASE)
-_DATA = re.compile(r"\$?(BASE|TOOL)_DATA\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
-_FDAT = re.compile(r"\bFDAT\s+F(\w+)\s*=\s*(\{[^}]*\})", re.IGNORECASE)
-_NUMBER_OF = re.compile(r"\b(BASE|TOOL)_NO\s+(\d{1,9})", re.IGNORECASE)
-_FIXED_TOOL = re.compile(r"\$IPO_MODE\s*=\s*#TCP\b", re.IGNORECASE)
-_BLOCKS: dict[str, tuple[str, str]] = {  # kind and name of the event
-    "IF": ("if", ""), "SWITCH": ("if", "SWITCH"), "ELSE": ("else", ""), "DEFAULT": ("else", ""),
-    "CASE": ("else", "case"), "FOR": ("loop", ""), "WHILE": ("loop", ""), "LOOP": ("loop", "always"),
-    "REPEAT": ("loop", "always"), "UNTIL": ("end", ""),
-    **dict.fromkeys(("END", "ENDFCT", "ENDIF", "ENDSWITCH", "ENDFOR", "ENDWHILE", "ENDLOOP"), ("end", "")),
+_BLOCKS: dict[str, FlowKind] = {
+    "def": "routine", "deffct": "routine", "if": "if", "switch": "switch", "else": "otherwise", "case": "else",
+    "default": "otherwise", "for": "loop", "while": "loop", "loop": "always", "repeat": "always", "until": "end",
+    **dict.fromkeys(("end", "endfct", "endif", "endswitch", "endfor", "endwhile", "endloop"), "end"),
 }  # fmt: skip
+_JOINTS = ("a1", "a2", "a3", "a4", "a5", "a6")
+_POSE = ("x", "y", "z", "a", "b", "c")
+_EXTERNAL = ("e1", "e2", "e3", "e4", "e5", "e6")
+_MOTIONS = {"ptp": 1, "sptp": 1, "lin": 1, "slin": 1, "spl": 1, "circ": 2, "scirc": 2}  # and how many targets each has
+_NULL = {"$nullframe": ("tool", "base"), "$world": ("base",), "$robroot": ("base",)}
+_FIXED = "moves a workpiece at a fixed tool"
 
 
-def krl_targets(source: Source) -> ProgramTargets:
-    """Targets of a KRL source or data file. Raises CalibError where brackets do not match."""
-    frames = _Frames.of(source)
-    visits = list(_visits(source, frames))
-    inline = {visit.place: source.first_word(visit.place).upper() for visit in visits if not visit.variable}
-    changed, no_position = _changed(source), _no_positions(source, {visit.variable for visit in visits})
-    reading = Reading(source, visits)
-    for group in source.own_groups:
-        parts = _components(source, group)
-        names = set(parts)
-        if not names or not names <= _COMPONENTS or not names & {*JOINTS, *POSE}:
-            continue
-        name, element, wrong = inline.get(group.start, ""), "", ""
-        if not name:
-            name, element, wrong = _holder(source, group, no_position)
-        wanted = JOINTS if names & set(JOINTS) else POSE
-        if not wrong and not set(wanted) <= names:
-            missing = ", ".join(each for each in wanted if each not in names)
-            wrong = f"part of a position: the controller keeps the present {missing}"
-        if wrong:
-            reading.leave(group.start, group.end, wrong)
-            continue
-        variable = name.upper()
-        reason, tool, work = changed.get(variable, ""), None, None
-        numbered = frames.of_point.get(variable.removeprefix("X")) if group.start not in inline else None
-        if isinstance(numbered, str):
-            reason = numbered
-        elif numbered is not None:
-            tool, work = numbered
-        elif wanted is POSE and not reason and frames.fixed_tool is not None:
-            reason = f"{source.at_line(frames.fixed_tool)} moves a workpiece at a fixed tool"
-        external = source.numbers([span for each, span in parts.items() if each in _EXTERNAL])
-        reading.take(
-            Literal(
-                f"{name}[{element}]" if element else name, group.start, group.end,
-                "pose" if wanted is POSE else "joints", [parts[each] for each in wanted], variable, element,
-                _configuration(source, parts), tool=tool, work=work, reason=reason,
-                moves_external=isinstance(external, str) or any(number.value for number in external),
+class KrlReader(ProgramReader):
+    """Targets of a KRL source or data file."""
+
+    syntax = Syntax(re.compile(r"\"[^\"\r\n]*\"?|;[^\r\n]*|(?:(?<=\n)|(?<=\r)|\A)[ \t]*&[^\r\n]*"), "\r\n", "([")
+    blocks = _BLOCKS
+
+    def moves(self, statement: Statement) -> Iterable[Visit]:
+        """The motions of a line; where a relative joint motion ends is not known."""
+        motion = statement[0].parts[0]
+        is_joint = motion.text.removesuffix("_rel").endswith("ptp")
+        if motion.text in ("ptp_rel", "sptp_rel"):
+            yield Visit(Aim(motion.end), is_joint=True)
+        own = [
+            next(
+                (self._frame(each) for each in self._sets(kind) if motion.start < each.place < statement[-1].end), None
             )
-        )  # fmt: skip
-    return reading.result(
-        list(_structure(source)), frames.set_at("TOOL"), frames.set_at("BASE"), acts=bool(visits), top_first=False
-    )
+            for kind in ("tool", "base")
+        ]
+        for item in (statement[0].behind(1), *statement[1:])[: _MOTIONS.get(motion.text, 0)]:
+            aim = self.aim(replace(item, parts=item.parts[:1]))
+            if aim.literal is not None and ":" in [part.text for part in item.parts[1:2]]:
+                aim = Aim(aim.place)  # an offset from it
+            yield Visit(aim, self.text(motion).upper(), is_joint, not is_joint, tool=own[0], work=own[1])
+
+    def told(self, held: Held, statement: Statement) -> Told | str | None:
+        """The target of an aggregate."""
+        parts = _components(held.literal)
+        wanted = _JOINTS if parts.keys() & {*_JOINTS} else _POSE
+        if not parts.keys() <= {*_JOINTS, *_POSE, *_EXTERNAL, "s", "t"} or not parts.keys() & {*wanted}:
+            return None
+        missing = ", ".join(each.upper() for each in wanted if each not in parts)
+        if statement[0].parts[0].text.endswith("_rel"):
+            return "a relative motion"
+        if not held.name:
+            return "an argument or part of an expression"
+        if held.by is not None and (held.by.component or re.match(r"\$|(base|tool)_data", held.variable)):
+            return "the definition of a tool or base, or another variable of the system"
+        if held.variable in self._frame_names:
+            return "a FRAME, no position"
+        if missing:
+            return f"part of a position: the controller keeps the present {missing}"
+        target = ProgramTarget("pose" if wanted is _POSE else "joints", configuration=self._configuration(parts))
+        form = self._forms.get(held.variable.removeprefix("x"), {}) if held.variable else {}
+        reason = self._fixed_tool if wanted is _POSE and not form else ""
+        if "tcp" in [part.text for item in form.values() for part in item.parts]:
+            reason = f"it {_FIXED} (IPO_FRAME #TCP)"
+        if {"tool_no", "base_no"} <= form.keys():
+            tool, work = (self._numbered(kind, self.text(form[f"{kind}_no"])) for kind in ("tool", "base"))
+            target = replace(target, tool=tool, work=work)
+        external = [parts[each] for each in _EXTERNAL if each in parts]
+        return Told(target, [parts[each] for each in wanted], external, reason=reason)
+
+    @cached_property
+    def _frame_names(self) -> set[str]:
+        """Variables that are declared as a FRAME and not moved to: mostly a base."""
+        found: set[str] = set()
+        for statement in self.source.statements:
+            texts = [part.text for item in statement for part in item.parts]
+            found |= {*texts[texts.index("frame") + 1 :]} if "frame" in texts[:3] else set()
+        return found - {visit.aim.variable for visit in self.visits}
+
+    def _configuration(self, parts: dict[str, Item]) -> Configuration:
+        """Posture by status and turn.
+
+        Bits of S: the wrist is behind axis 1; ahead of the line from axis 2 to axis 3; axis 5 is negative. Those of T:
+        each axis is negative.
+        """
+        status, turns = (_bits(self.text(parts[name])) if name in parts else None for name in "st")
+        signs = [None if turns is None else turns >> k & 1 for k in range(6)]
+        if turns is None and status is not None:
+            signs[4] = status >> 2 & 1
+        ranges = tuple((0.0 if sign == 0 else -inf, 0.0 if sign == 1 else inf) for sign in signs)
+        if status is None:
+            return Configuration() if turns is None else Configuration(ranges)
+        return Configuration(ranges, behind=bool(status & 1), elbow=bool(status & 2))
+
+    @cached_property
+    def _forms(self) -> dict[str, dict[str, Item]]:
+        """Components of the FDAT of inline forms, by the names of their points without X."""
+        every = (
+            each for one in self.assignments.values() for each in one if "fdat" in each.before and each.value.parts
+        )
+        return {each.name[1:]: _components(each.value.parts[0]) for each in every}
+
+    @cached_property
+    def _fixed_tool(self) -> str:
+        """Why poses are left of a program whose tool stands still; "" where it moves."""
+        for each in self.assignments.get("$ipo_mode", []):
+            if "tcp" in [part.text for part in each.value.parts]:
+                return f"{self.source.at_line(each.place)} {_FIXED}"
+        return ""
+
+    def _plain(self, value: Item) -> Array | None:
+        """Transform (4, 4) of an aggregate of plain numbers, whatever follows it; None for anything else."""
+        parts = _components(value.parts[0]) if value.parts else {}
+        numbers = self.source.numbers([parts[each] for each in _POSE]) if parts.keys() == {*_POSE} else ""
+        return None if isinstance(numbers, str) else pose_transform("KRL", np.array([n.value for n in numbers]))
+
+    def _numbered(self, kind: str, number: str) -> NamedFrame:
+        """Tool or base by its number, if all that the files say of it is the same."""
+        name = f"{kind}_data"
+        every = [one for each in (name, f"${name}") for one in self.assignments.get(each, []) if one.index == number]
+        frames = {NamedFrame(f"{name.upper()}[{number}]", self._plain(each.value)) for each in every}
+        if number == "0":
+            return NamedFrame("$NULLFRAME", np.eye(4))
+        return frames.pop() if len(frames) == 1 else NamedFrame(f"{name.upper()}[{number}]", None)
+
+    def _sets(self, kind: str) -> list[Assignment]:
+        """Where the frame of a kind is set, in motions or by themselves."""
+        return self.assignments.get(f"${kind}", [])
+
+    def _frame(self, each: Assignment) -> NamedFrame:
+        """Frame that an assignment sets."""
+        kind, name = each.name[1:], self.text(each.value)
+        aim = self.aim(replace(each.value, parts=each.value.parts[:1]))
+        if not each.component and aim.literal is None:
+            if kind in _NULL.get(aim.variable, ()):
+                return NamedFrame(name, np.eye(4))
+            if aim.variable.removeprefix("$") == f"{kind}_data" and aim.element != COMPUTED:
+                return self._numbered(kind, aim.element)
+            if aim.variable != COMPUTED and not aim.element:
+                return NamedFrame(name, None)
+        transform = None if each.component else self._plain(each.value)
+        return NamedFrame(f"${kind.upper()} of {self.source.at_line(each.place)}", transform)
+
+    def frames(self) -> tuple[Frames, Frames]:
+        """Where tools and bases are set outside of motions: directly, by BAS and by an inline form."""
+        tools, works = (
+            Frames(
+                NamedFrame(f"the {kind} (the file sets no ${kind.upper()})", None),
+                [
+                    *(
+                        FlowEvent(each.place, "set", value=self._frame(each))
+                        for each in self._sets(kind)
+                        if not {*each.before} & _MOTIONS.keys()
+                    ),
+                    *(
+                        FlowEvent(each.place, "set", value=NamedFrame(f"the {kind} of {self.text(each.value)}", None))
+                        for each in self.assignments.get("fdat_act", [])
+                    ),
+                    *self._by_call(kind),
+                ],
+            )
+            for kind in ("tool", "base")
+        )
+        return tools, works
+
+    def _by_call(self, kind: str) -> Iterable[FlowEvent[NamedFrame]]:
+        for statement in self.source.statements:
+            for call in statement[0].parts[:1]:
+                texts = [part.text for item in call.items for part in item.parts]
+                if call.text == "bas" and texts[:2] == ["#", kind]:
+                    yield FlowEvent(call.start, "set", value=self._numbered(kind, "".join(texts[2:])))
 
 
-def _components(source: Source, group: Group) -> dict[str, tuple[int, int]]:
-    """Places of an aggregate's values by the names of its components, upper case; {} for anything else."""
-    found: dict[str, tuple[int, int]] = {}
-    for k, (start, end) in enumerate(group.items if group.bracket == "{" and not group.children else []):
-        if k == 0:  # {E6POS: X 1, ...}
-            prefix = re.match(r"\s*\w+\s*:", source.code[start:end])
-            start += prefix.end() if prefix else 0
-        match = _COMPONENT.fullmatch(source.code, start, end)
-        if match is None or match[1].upper() in found:
-            return {}
-        found[match[1].upper()] = match.span(2)
+def _components(brackets: Part) -> dict[str, Item]:
+    """Values of an aggregate by the names of its components, lower case; "" for what is none."""
+    found: dict[str, Item] = {}
+    for item in brackets.items if brackets.bracket == "{" else ():
+        item = item.behind(2) if [part.text for part in item.parts[1:2]] == [":"] else item  # {E6POS: X 1, ...}
+        name = item.parts[0].text if len(item.parts) > 1 and item.parts[0].is_word else ""
+        found["" if name in found else name] = item.behind(1) if name else item
     return found
 
 
-def _holder(source: Source, group: Group, no_position: dict[str, str]) -> tuple[str, str, str]:
-    """Variable that holds an aggregate, the element of an array, and why it is no target ("" where it is)."""
-    held = _HELD.search(source.before(group.start))
-    if source.first_word(group.start).upper().endswith("_REL"):
-        return "", "", "a relative motion"
-    if held is None or group.parent is not None:
-        return "", "", "an argument or part of an expression"
-    if held[1] or held[2].startswith("$") or held[2].upper() in ("BASE_DATA", "TOOL_DATA"):
-        return held[2], "", "the definition of a tool or base, or another variable of the system"
-    kind = no_position.get(held[2].upper())
-    return held[2], held[3] or "", f"a {kind}, no position" if kind else ""
-
-
-def _no_positions(source: Source, visited: set[str]) -> dict[str, str]:
-    """Types of the variables, upper case, that are declared as something else; a FRAME may be moved to."""
-    declared = {match[2].upper(): match[1].upper() for match in _NO_POSITION.finditer(source.code)}
-    return {name: kind for name, kind in declared.items() if kind != "FRAME" or name not in visited}
-
-
-def _changed(source: Source) -> dict[str, str]:
-    """Reasons why variables are left, upper case: one of their components is set anew, not from the old value."""
-    return {
-        match[1].upper(): f"{source.at_line(match.start(1))} sets its {match[2]} anew"
-        for match in _CHANGED.finditer(source.code)
-        if not re.search(rf"\b{match[1]}\b", match[3], re.IGNORECASE)
-    }
-
-
-def _configuration(source: Source, parts: dict[str, tuple[int, int]]) -> Configuration:
-    """Posture by status and turn.
-
-    Bits of S: the wrist is behind axis 1; ahead of the line from axis 2 to axis 3; axis 5 is negative. Those of T:
-    each axis is negative.
-    """
-    status, turns = (_bits(source, parts[name]) if name in parts else None for name in "ST")
-    ranges: tuple[tuple[float, float], ...] = ()
-    if turns is not None:
-        ranges = tuple(_sign_range(turns >> k & 1) for k in range(6))
-    elif status is not None:
-        ranges = tuple(_sign_range(status >> 2 & 1) if k == 4 else (-inf, inf) for k in range(6))
-    if status is None:
-        return Configuration(ranges)
-    return Configuration(ranges, behind=bool(status & 1), elbow=bool(status & 2))
-
-
-def _sign_range(negative: int) -> tuple[float, float]:
-    return (-inf, 0.0) if negative else (0.0, inf)
-
-
-def _bits(source: Source, span: tuple[int, int]) -> int | None:
+def _bits(text: str) -> int | None:
     """Whole number of a status or turn, such as 35, 'B100011' or 'H23'; None for anything else."""
-    text = source.code[slice(*span)].strip().replace(" ", "").upper()
-    found = re.fullmatch(r"'B([01]{1,8})'|'H([0-9A-F]{1,2})'|(\d{1,3})", text)
-    if found is None:
-        return None
-    return int(found[1], 2) if found[1] else int(found[2], 16) if found[2] else int(found[3])
-
-
-def _visits(source: Source, frames: _Frames) -> Iterable[Visit]:
-    """Motions of the program."""
-    for match in _STATEMENT.finditer(source.code):
-        motion, place = match[1].upper(), match.end()
-        if motion in ("PTP_REL", "SPTP_REL"):
-            yield Visit(place, COMPUTED, is_joint=True)
-        if motion not in _MOTIONS:
-            continue
-        line_end = source.line_end(place)
-        tool, work = (frames.of_motion(kind, place, line_end) for kind in ("TOOL", "BASE"))
-        for _ in range(2 if motion in _CIRCULAR else 1):
-            place += len(source.code[place:line_end]) - len(source.code[place:line_end].lstrip())
-            group, aim = source.by_start.get(place), _AIM.match(source.code, place, line_end)
-            after = source.code[group.end : line_end].lstrip() if group else ""
-            if group is not None and not after.startswith(":"):
-                variable, element, end = "", "", group.end
-            elif aim is not None:
-                index = aim[2]
-                variable, element, end = aim[1].upper(), index if not index or index.isdigit() else COMPUTED, aim.end()
-            else:
-                variable, element, end = COMPUTED, "", line_end
-            is_joint = motion in _JOINT_MOTIONS
-            yield Visit(place, variable, element or "", is_joint, keeps=not is_joint, tool=tool, work=work)
-            place = source.code.find(",", end, line_end) + 1
-            if not place:
-                break
-
-
-@dataclass(frozen=True)
-class _Frames:
-    """Tools and bases of a program."""
-
-    source: Source
-    data: dict[tuple[str, int], NamedFrame]  # numbered ones
-    of_point: dict[str, tuple[NamedFrame, NamedFrame] | str]  # of points of inline forms, by their names without X
-    fixed_tool: int | None  # place at which motions change to a fixed tool
-
-    @classmethod
-    def of(cls, source: Source) -> _Frames:
-        """Frames that a program and its data files define."""
-        data: dict[tuple[str, int], NamedFrame] = {}
-        for match in _DATA.finditer(source.code):
-            equals = re.compile(r"\s*=(?!=)\s*").match(source.code, match.end())
-            if equals is not None:
-                key, name = (match[1].upper(), int(match[2][:9])), match[0].lstrip("$").upper()
-                frame = NamedFrame(name, _frame(source, equals.end()))
-                data[key] = frame if data.setdefault(key, frame) == frame else NamedFrame(name, None)
-        fixed = _FIXED_TOOL.search(source.code)
-        found = cls(source, data, {}, None if fixed is None else fixed.start())
-        for match in _FDAT.finditer(source.code):
-            numbers = {m[1].upper(): int(m[2]) for m in _NUMBER_OF.finditer(match[2])}
-            if "#TCP" in match[2].upper():
-                found.of_point[match[1].upper()] = "it moves a workpiece at a fixed tool (IPO_FRAME #TCP)"
-            elif len(numbers) == 2:
-                pair = (found.numbered("TOOL", numbers["TOOL"]), found.numbered("BASE", numbers["BASE"]))
-                found.of_point[match[1].upper()] = pair
-        return found
-
-    def numbered(self, kind: str, number: int) -> NamedFrame:
-        """Tool or base by its number."""
-        unknown = NamedFrame(f"{kind}_DATA[{number}]", None)
-        return self.data.get((kind, number), unknown) if number else NamedFrame("$NULLFRAME", np.eye(4))
-
-    def of_motion(self, kind: str, start: int, end: int) -> NamedFrame | None:
-        """Frame that a motion itself sets behind WITH; None where it does not."""
-        return next(
-            (self._set(m) for m in _FRAME_SET.finditer(self.source.code, start, end) if m[1].upper() == kind), None
-        )
-
-    def set_at(self, kind: str) -> Frames:
-        """Where frames of a kind are set outside of motions."""
-        code, first_word = self.source.code, self.source.first_word
-        sets = [
-            FlowEvent(match.start(), "set", value=self._set(match))
-            for match in _FRAME_SET.finditer(code)
-            if match[1].upper() == kind and first_word(match.start()).upper() not in _MOTIONS
-        ]
-        for match in _BAS.finditer(code):
-            if match[1].upper() == kind:
-                unknown = NamedFrame(f"{kind}_DATA[{match[2]}]", None)
-                frame = self.numbered(kind, int(match[2][:9])) if match[2].isdigit() else unknown
-                sets.append(FlowEvent(match.start(), "set", value=frame))
-        for match in _ACTIVE.finditer(code):
-            sets.append(FlowEvent(match.start(), "set", value=NamedFrame(f"the {kind.lower()} of {match[1]}", None)))
-        return Frames(NamedFrame(f"the {kind.lower()} (the file sets no ${kind})", None), sets)
-
-    def _set(self, match: re.Match[str]) -> NamedFrame:
-        source, kind, place = self.source, match[1].upper(), match.end()
-        value = re.split(r"\s*,\s*\$|\s+C_\w+", source.code[place : source.line_end(place)].strip(), maxsplit=1)[0]
-        if value.upper() == "$NULLFRAME" or (kind == "BASE" and value.upper() in ("$WORLD", "$ROBROOT")):
-            return NamedFrame(value, np.eye(4))
-        data = _DATA.fullmatch(value)
-        if data is not None and data[1].upper() == kind and not match[2]:
-            return self.numbered(kind, int(data[2][:9]))
-        plain = re.fullmatch(r"[A-Za-z_]\w*", value) is not None and not match[2]
-        name = value if plain else f"${kind} of {source.at_line(match.start())}"
-        return NamedFrame(name, None if match[2] else _frame(source, place))
-
-
-def _frame(source: Source, place: int) -> np.ndarray | None:
-    """Transform (4, 4) of the whole aggregate at a place; None where there is no plain one."""
-    group = source.by_start.get(place)
-    parts = {} if group is None else _components(source, group)
-    if group is None or set(parts) != set(POSE):
-        return None
-    rest = source.code[group.end : source.line_end(group.end)].strip()
-    numbers = source.numbers([parts[each] for each in POSE])
-    if isinstance(numbers, str) or (rest and not re.match(r",\s*\$|C_\w+", rest)):
-        return None
-    return pose_transform("KRL", np.array([number.value for number in numbers]))
-
-
-def _structure(source: Source) -> Iterable[FlowEvent[Never]]:
-    """The program's routines, branches, loops and calls."""
-    for match in _STATEMENT.finditer(source.code):
-        word, place = match[1].upper(), match.start(1)
-        line = source.code[place : source.line_end(place)]
-        if word in ("DEF", "DEFFCT"):
-            name = re.match(r"[^\r\n(]*?(\w+)\s*\(", line)
-            yield FlowEvent(place, "routine", name[1].upper() if name else "")
-        elif word in _BLOCKS:
-            kind, name_ = _BLOCKS[word]
-            yield FlowEvent(place, kind, name_)  # type: ignore[arg-type]
-        if word not in ("DEF", "DEFFCT", "EXT", "EXTFCT", "EXTFCTP", "DECL", "SWITCH"):
-            for call in re.finditer(r"(?<![\w$#.])([A-Za-z_]\w*)\s*\(", line):
-                yield FlowEvent(place + call.start(), "call", call[1].upper())
+    found = re.fullmatch(r"'b([01]{1,8})'|'h([0-9a-f]{1,2})'|(\d{1,3})", "".join(text.lower().split()))
+    groups = () if found is None else zip(found.groups(), (2, 16, 10), strict=True)
+    return next((int(digits, base) for digits, base in groups if digits), None)

@@ -8,318 +8,177 @@ of persistent variables by now. What the program assigns anew at run time counts
 from __future__ import annotations
 
 import re
-from bisect import bisect_right
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from functools import cached_property
 from math import inf
-from typing import Never
 
 import numpy as np
 
-from calib.extras.robot_programs.program_text.flow import FlowEvent
-from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Reading, Visit
+from calib.array_types import Array
+from calib.extras.robot_programs.program_text.flow import FlowKind
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
-from calib.extras.robot_programs.program_text.source import (
+from calib.extras.robot_programs.program_text.reading import (
+    Assignment,
+    Frames,
+    Held,
+    ProgramReader,
+    Told,
+    Visit,
+)
+from calib.extras.robot_programs.program_text.source import Item, Part, Statement, Syntax
+from calib.extras.robot_programs.program_text.targets import (
     NO_CONFIGURATION,
-    NUMBER,
     Configuration,
-    Group,
-    Kind,
     NamedFrame,
-    ProgramTargets,
-    Source,
+    ProgramTarget,
 )
 
-MASKED = re.compile(r"\"[^\"\r\n]*\"?|![^\r\n]*")
-_DECLARATION = re.compile(r"\b(?:CONST|PERS|VAR)\s+(\w+)\s+(\w+)\s*(\{[^{};]{0,200}\})?\s*:=\s*", re.IGNORECASE)
-_ASSIGNED = re.compile(r"(?<![\w.])([A-Za-z]\w*)\s*(?:\{[^{};]{0,200}\}\s*)?:=$")
-_COMPONENT_ASSIGNED = re.compile(r"(?<![\w.\\])([A-Za-z]\w*)(?:\s*\{[^{};]{0,200}\})?\s*(?:\.\s*\w+\s*)*:=")
+_BLOCKS: dict[str, FlowKind] = {
+    **dict.fromkeys(("proc", "func", "trap"), "routine"), "if": "if", "test": "switch", "elseif": "else",
+    "case": "else", "else": "otherwise", "default": "otherwise", "for": "loop", "while": "loop",
+    **dict.fromkeys(("endproc", "endfunc", "endtrap", "endif", "endtest", "endfor", "endwhile"), "end"),
+}  # fmt: skip
 _MOVE = re.compile(
-    r"(?<![\w.:=,(\\])((?:Move(?:AbsJ|[JLC](?:DO|AO|GO|Sync)?)|Trigg[JLC](?:IOs)?|Search[LC]|Arc[LC]\d?(?:Start|End)?"
-    r"|Spot(?:M?[JL])|(?:Paint|Disp|Cap|Laser)[LC]|Nut[JL]|FCPress(?:1L|[LC])|ContactL)\b)([^;]{0,3000});",
-    re.IGNORECASE,
+    r"move(?:absj|[jlc](?:do|ao|go|sync)?)|trigg[jlc](?:ios)?|arc[lc]\d?(?:start|end)?|spotm?[jl]"
+    r"|(?:paint|disp|cap|laser)[lc]|nut[jl]|fcpress(?:1l|[lc])|contactl"
 )
-_SIGNAL = re.compile(r"Move(.)(?:DO|AO|GO)", re.IGNORECASE)  # whose last arguments are a signal and its value
-_WORK_OBJECT = re.compile(r"\\\s*WObj\s*:=\s*([A-Za-z]\w*)", re.IGNORECASE)
-_OFFSET = re.compile(r"\b(Offs|RelTool)\s*\(", re.IGNORECASE)
-_NAME = re.compile(r"[A-Za-z]\w*")
-_AIM = re.compile(r"(?:(Offs|RelTool)\s*\(\s*)?([A-Za-z]\w*)\s*(?:\{\s*([^{}]*?)\s*\})?", re.IGNORECASE)
-_DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.IGNORECASE)
-_CONFIGURATION = re.compile(r"\bConf([JL])\s*\\\s*Off\b", re.IGNORECASE)
-_ROUTINE = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(([^()]*)\)", re.IGNORECASE)
-_ROUTINE_END = re.compile(r"\bEND(?:PROC|FUNC)\b", re.IGNORECASE)
-_NESTED, _HEAD = 3, 40
-_BY_JOINTS = re.compile(r"(?:Move(?:Abs)?|Trigg|Search)J", re.IGNORECASE)
-_HELD = ("robtarget", "jointtarget")
-_UNUSED_AXIS = 9e8  # as 9E9
-_SHAPES: dict[tuple[int, ...], Kind] = {(6, 6): "joints", (3, 4, 4, 6): "pose"}
-_BLOCK = re.compile(
-    r"\b(?:(PROC|FUNC\s+\w+|TRAP)\s+(\w+)|(IF)\b[^;]*?\bTHEN|(TEST)|(FOR|WHILE)|(ELSEIF|CASE)|(ELSE|DEFAULT)"
-    r"|(END(?:PROC|FUNC|TRAP|IF|TEST|FOR|WHILE)))\b",
-    re.IGNORECASE,
-)
-_CALL = re.compile(r"(?:(?<=;)|(?<=\bTHEN)|(?<=\bELSE)|(?<=\bDO)|(?<=\)))\s*([A-Za-z]\w*)\b(?!\s*:)", re.IGNORECASE)
+_BY_JOINTS = re.compile(r"(?:move(?:abs)?|trigg|search)j")
+_SIGNAL = re.compile(r"move.(?:do|ao|go)")  # whose last arguments are a signal and its value
+_OFFSETS = ("offs", "reltool")
+_DISPLACES = ("pdispon", "pdispset", "eoffson", "eoffsset")
+_HELD = {"tooldata": "false", "wobjdata": "true"}  # robhold of what the robot does not move as a tool or work object
+_POSE, _JOINTS = [3, 4, 4, 6], [6, 6]  # counts of numbers in the lists of a target
 
 
-def rapid_targets(source: Source) -> ProgramTargets:
-    """Targets of a RAPID module or program. Raises CalibError where brackets do not match."""
-    frames = _Frames(source)
-    visits = list(_visits(source, frames))
-    inline = {visit.place: source.first_word(visit.place) for visit in visits if not visit.variable}
-    reading = Reading(source, visits)
-    for name, group in frames.definitions:
-        reading.leave(group.start, group.end, "the definition of a tool or work object", name)
-    counts: dict[str, int] = {}
-    for group in source.own_groups:
-        shape = _shape(group)
-        declaration = frames.declaration_of(group)
-        kind_of_data = "" if declaration is None else declaration[1].lower()
-        if shape is None or kind_of_data in ("tooldata", "wobjdata"):
-            continue
-        name, element, wrong = declaration[2] if declaration else inline.get(group.start, ""), "", ""
-        if shape not in _SHAPES:
-            if group.parent is None and kind_of_data in _HELD and declaration and not declaration[3]:
-                reading.leave(group.start, group.end, "its parts are not all plain numbers")
-            continue
-        if declaration is None and group.start not in inline:
-            assigned = _ASSIGNED.search(source.before(group.start))
-            name = assigned[1] if assigned and group.parent is None else ""
-            wrong = "" if name else "an argument or part of an expression"
-        elif declaration is not None and kind_of_data not in _HELD:
-            wrong = f"part of a {declaration[1]}"
-        elif declaration is not None and declaration[3]:
-            counts[name] = counts.get(name, 0) + 1
-            element = str(counts[name])
-        if wrong:
-            reading.leave(group.start, group.end, wrong)
-            continue
-        is_pose = _SHAPES[shape] == "pose"
-        external = ["".join(source.code[a:b].split()) for a, b in group.children[-1].items]
-        still = all(NUMBER.fullmatch(each) and not 0.0 < abs(float(each)) < _UNUSED_AXIS for each in external)
-        reading.take(
-            Literal(
-                f"{name}{{{element}}}" if element else name, group.start, group.end, _SHAPES[shape],
-                group.children[0].items + (group.children[1].items if is_pose else []), name.lower(), element,
-                _configuration(source, group.children[2]) if is_pose else NO_CONFIGURATION,
-                reason=frames.replaced.get(name.lower(), ""), is_kept=not is_pose, moves_external=not still,
-            )
-        )  # fmt: skip
-    unknown = (Frames(NamedFrame(f"the {what} (the program has no move)", None)) for what in ("tool", "work object"))
-    displaced, notes = _DISPLACED.search(source.code), []
-    if displaced is not None:
-        where = source.at_line(displaced.start())
-        notes = [f"{displaced[1]} in {where} displaces targets: they are corrected where they stand without it"]
-    return reading.result(list(_structure(source)), *unknown, acts=bool(visits), top_first=False, notes=notes)
+class RapidReader(ProgramReader):
+    """Targets of a RAPID module or program."""
 
+    syntax = Syntax(re.compile(r"\"[^\"\r\n]*\"?|![^\r\n]*"), ";:", "({")
+    assigns, index, blocks, then = ":=", "{}", _BLOCKS, "then"
 
-def _shape(group: Group) -> tuple[int, ...] | None:
-    """Counts of numbers in the lists that a list consists of; None for other lists."""
-    lists = group.children
-    if group.bracket != "[" or any(child.bracket != "[" for child in lists):
-        return None
-    if len(lists) < 2 or (len(lists) != len(group.commas) + 1 and group.parent is not None):
-        return None
-    return tuple(len(child.items) for child in lists)
+    def is_changed(self, assignment: Assignment) -> bool:
+        """Whether an assignment is no declaration."""
+        return not {"const", "pers", "var"} & {*assignment.before}
 
+    def moves(self, statement: Statement) -> Iterable[Visit]:
+        """The motions of a statement, which may stand behind the condition of an IF."""
+        parts = statement[0].parts
+        k = next((k for k, part in enumerate(parts) if not part.bracket and _MOVE.fullmatch(part.text)), None)
+        for part in parts:
+            if part.text in _DISPLACES:
+                where = f"{self.text(part)} in {self.source.at_line(part.start)}"
+                self.notes.append(f"{where} displaces targets: they are corrected where they stand without it")
+        if k is None:
+            return
+        name = parts[k].text
+        items = (statement[0].behind(k + 1), *statement[1:])
+        is_joint = bool(_BY_JOINTS.match(name))
+        tool, work, reason = self._own_frames(items, -3 if _SIGNAL.fullmatch(name) else -1)
+        for item in items[: 2 if name[4:5] == "c" else 1]:
+            words = self._words(item)
+            aim = self.aim(Item(item.start, item.end, words))
+            if words and words[0].text in _OFFSETS and words[0].items:
+                aim = self.aim(words[0].items[0])
+            keeps = ("j" if is_joint else "l") in self._without_configuration
+            yield Visit(aim, self.text(parts[k]), is_joint, keeps, tool=tool, work=work, reason=reason)
 
-class _Frames:
-    """Tools and work objects that a program defines, and the variables that it sets anew."""
+    @staticmethod
+    def _words(item: Item) -> tuple[Part, ...]:
+        """An argument without what is optional of it."""
+        texts = [part.text for part in item.parts]
+        return item.parts[: texts.index("\\")] if "\\" in texts else item.parts
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
-        self._declared = list(_DECLARATION.finditer(source.code))
-        self._starts = [match.start() for match in self._declared]
-        self.replaced: dict[str, str] = {}  # reasons why variables are left whose value is not made of the old one
-        changed = self._read_assignments()
-        self._known: dict[str, NamedFrame | str] = {name: NamedFrame(name, np.eye(4)) for name in ("tool0", "wobj0")}
-        self.definitions: list[tuple[str, Group]] = []
-        for group in source.groups:
-            declaration = self.declaration_of(group) if group.parent is None and group.bracket == "[" else None
-            kind = "" if declaration is None else declaration[1].lower()
-            if declaration is None or kind not in ("tooldata", "wobjdata"):
-                continue
-            name = declaration[2]
-            value = _frame(source, group, kind)
-            frame = value if isinstance(value, str) else NamedFrame(name, None if name.lower() in changed else value)
-            known = self._known.setdefault(name.lower(), frame)
-            self._known[name.lower()] = frame if known == frame else NamedFrame(name, None)
-            self.definitions += [(name, group)] if group.start < source.own_end else []
+    def _own_frames(self, items: Sequence[Item], last: int) -> tuple[NamedFrame | None, NamedFrame | None, str]:
+        """Tool and work object of a move, and why its targets are left."""
+        named = [(k, [part.text for part in item.parts]) for k, item in enumerate(items)]
+        k, texts = next(((k, texts) for k, texts in named if "wobj" in texts), (len(items) + last, [""]))
+        words = [each for item in reversed(items[: k + 1]) for each in self._words(item)[:1]]
+        tool = self._named(self.text(words[0]) if words and k > 1 and words[0].is_word else "the tool")
+        work = self._named(self.text(items[k].parts[-1]) if texts[-2:-1] == [":="] else "wobj0")
+        reason = next((each for each in (tool, work) if isinstance(each, str)), "")
+        return *(None if isinstance(each, str) else each for each in (tool, work)), reason  # type: ignore[return-value]
 
-    def named(self, name: str) -> NamedFrame | str:
+    @cached_property
+    def _without_configuration(self) -> set[str]:
+        """Letters of the motions whose configurations are off; anywhere counts as everywhere."""
+        return {each[1] for each in re.finditer(r"\bconf([jl])\s*\\\s*off\b", self.source.code)}
+
+    def _named(self, name: str) -> NamedFrame | str:
         """Tool or work object of a name, or why its targets are left."""
-        return self._known.get(name.lower(), NamedFrame(name, None))
+        declared = self.assignments.get(name.lower(), [])
+        if name.lower() in ("tool0", "wobj0"):
+            return NamedFrame(name, np.eye(4))
+        found = {NamedFrame(name, None) if self.is_changed(each) else self._frame(each) for each in declared}
+        return found.pop() if len(found) == 1 else NamedFrame(name, None)
 
-    def declaration_of(self, group: Group) -> re.Match[str] | None:
-        """Declaration whose value a literal is, or is a part of."""
-        while group.parent is not None:
-            group = group.parent
-        k = bisect_right(self._starts, group.start) - 1
-        return self._declared[k] if k >= 0 and self._declared[k].end() == group.start else None
+    def _frame(self, declared: Assignment) -> NamedFrame | str:
+        """Frame of a tooldata or wobjdata literal, or why it moves."""
+        name = self.name(declared)
+        value = self.aim(declared.value).literal
+        items = () if value is None else value.items
+        kind = declared.before[-1]
+        poses = [part for item in items for part in item.parts if _counts(part) == [3, 4]]
+        if kind not in _HELD or len(items) != (3 if kind == "tooldata" else 5):
+            return NamedFrame(name, None)
+        flags = [self.text(item).lower() for item in items]
+        if flags[0] == _HELD[kind]:
+            return "the robot holds the workpiece (robhold)"
+        if kind == "wobjdata" and flags[1] == "false":
+            return "a mechanical unit moves its work object (ufprog)"
+        transform: Array | None = np.eye(4) if len(poses) == (1 if kind == "tooldata" else 2) else None
+        for pose in poses:
+            numbers = self.source.numbers(_flat(pose))
+            try:
+                plain = () if isinstance(numbers, str) else [number.value for number in numbers]
+                transform = None if transform is None else transform @ pose_transform("RAPID", np.array(plain))
+            except ValueError:
+                transform = None
+        return NamedFrame(name, transform)
 
-    def _read_assignments(self) -> set[str]:
-        """Lower-case names of the variables that are assigned outside of their declaration."""
-        source, changed = self._source, set()
-        declared = {match.start(2) for match in self._declared}
-        for match in _COMPONENT_ASSIGNED.finditer(source.code):
-            if match.start(1) in declared:
-                continue
-            name = match[1].lower()
-            changed.add(name)
-            value = source.code[match.end() : source.code.find(";", match.end()) + 1]
-            if not re.search(rf"(?<![\w.]){name}\b", value, re.IGNORECASE):
-                self.replaced.setdefault(name, f"{source.at_line(match.start())} sets {match[0][:-2].strip()} anew")
-        return changed
+    def told(self, held: Held, statement: Statement) -> Told | str | None:
+        """The target of a literal."""
+        counts = _counts(held.literal)
+        kind = held.by.before[-1] if held.by is not None and held.by.before else ""
+        if kind in _HELD and not held.element:
+            return "the definition of a tool or work object"
+        if counts not in (_POSE, _JOINTS):
+            plain = kind not in ("robtarget", "jointtarget") or bool(held.by and held.by.index) or held.element
+            return None if plain else "its parts are not all plain numbers"
+        if not held.name:
+            return "an argument or part of an expression"
+        lists = [item.parts[0] for item in held.literal.items]
+        external = lists[-1].items
+        if counts == _JOINTS:
+            return Told(ProgramTarget("joints"), lists[0].items, external, is_kept=True)
+        target = ProgramTarget("pose", configuration=self._configuration(lists[2].items))
+        return Told(target, [*lists[0].items, *lists[1].items], external)
 
+    def _configuration(self, items: Sequence[Item]) -> Configuration:
+        """Posture by the quadrants cf1, cf4 and cf6 and by cfx; none where they are no whole numbers.
 
-def _frame(source: Source, group: Group, kind: str) -> np.ndarray | str | None:
-    """Transform (4, 4) of a tooldata or wobjdata literal, why it moves, or None where it is no plain literal."""
-    items = [source.code[a:b].strip().upper() for a, b in group.items]
-    is_tool = kind == "tooldata"
-    poses = group.children[:1] if is_tool else group.children
-    if len(items) != (3 if is_tool else 5) or len(poses) != (1 if is_tool else 2):
-        return None
-    if items[0] == ("FALSE" if is_tool else "TRUE"):
-        return "the robot holds the workpiece (robhold)"
-    if not is_tool and items[1] == "FALSE":
-        return "a mechanical unit moves its work object (ufprog)"
-    transform = np.eye(4)
-    for pose in poses:
-        numbers = source.numbers([span for child in pose.children for span in child.items])
-        if _shape(pose) != (3, 4) or isinstance(numbers, str):
-            return None
-        try:
-            transform = transform @ pose_transform("RAPID", np.array([number.value for number in numbers]))
-        except ValueError:
-            return None
-    return transform
+        Bits of cfx: axis 5 is negative; the wrist is behind the lower arm; it is behind axis 1.
+        """
+        numbers = self.source.numbers(items)
+        if isinstance(numbers, str) or any(number.value % 1.0 for number in numbers):
+            return NO_CONFIGURATION
+        quadrants = dict(zip((0, 3, 5), (90.0 * number.value for number in numbers), strict=False))
+        ranges = tuple((quadrants[k], quadrants[k] + 90.0) if k in quadrants else (-inf, inf) for k in range(6))
+        cfx = int(numbers[3].value)
+        return Configuration(ranges, behind=bool(cfx & 4), elbow_as_at_zero=not cfx & 2, axis_5_negative=bool(cfx & 1))
 
-
-def _configuration(source: Source, group: Group) -> Configuration:
-    """Posture by the quadrants cf1, cf4 and cf6 and by cfx; none where they are no whole numbers.
-
-    Bits of cfx: axis 5 is negative; the wrist is behind the lower arm; it is behind axis 1.
-    """
-    numbers = source.numbers(group.items)
-    if isinstance(numbers, str) or any(number.value != round(number.value) for number in numbers):
-        return NO_CONFIGURATION
-    quadrants = dict(zip((0, 3, 5), (90.0 * number.value for number in numbers), strict=False))
-    ranges = tuple((quadrants[k], quadrants[k] + 90.0) if k in quadrants else (-inf, inf) for k in range(6))
-    cfx = int(numbers[3].value)
-    return Configuration(ranges, behind=bool(cfx & 4), elbow_as_at_zero=not cfx & 2, axis_5_negative=bool(cfx & 1))
-
-
-def _visits(source: Source, frames: _Frames) -> Iterable[Visit]:
-    """Moves of the program; a variable that is handed to a routine is gone to by those of its parameter."""
-    routines = _routines(source)
-    off = {match[1].upper() for match in _CONFIGURATION.finditer(source.code)}  # anywhere counts as everywhere
-
-    def variable(name: str, place: int) -> str:
-        inside = next((r for r in routines if r.start <= place < r.end and name.lower() in r.parameters), None)
-        return f"{inside.name}\\{name.lower()}" if inside else name.lower()
-
-    found: list[Visit] = []
-    for match in _MOVE.finditer(source.code):
-        text = re.sub(r",(\s*\\)", r" \1", match[2])
-        arguments = list(_arguments(text, match.start(2)))
-        work = _WORK_OBJECT.search(text)
-        words = [argument.partition("\\")[0].strip() for _, argument in arguments]
-        tool = next((word for word, (_, each) in zip(words, arguments, strict=True) if _WORK_OBJECT.search(each)), "")
-        last = -3 if _SIGNAL.fullmatch(match[1]) else -1
-        tool = tool or (words[last] if len(words) > 2 else "")
-        named = (
-            frames.named(tool if _NAME.fullmatch(tool) else "the tool"),
-            frames.named(work[1] if work else "wobj0"),
+    def frames(self) -> tuple[Frames, Frames]:
+        """Frames of targets that no move tells."""
+        tool, work = (
+            Frames(NamedFrame(f"the {what} (the program has no move)", None)) for what in ("tool", "work object")
         )
-        reason = next((each for each in named if isinstance(each, str)), "")
-        is_joint = bool(_BY_JOINTS.match(match[1]))
-        visit = Visit(
-            match.start(), COMPUTED, "", is_joint, keeps=("J" if is_joint else "L") in off, reason=reason,
-            tool=named[0] if isinstance(named[0], NamedFrame) else None,
-            work=named[1] if isinstance(named[1], NamedFrame) else None,
-        )  # fmt: skip
-        for place, text in arguments[: 2 if match[1][4:5].upper() == "C" else 1]:
-            place += len(text) - len(text.lstrip())
-            aim = _AIM.match(text.strip())
-            if place in source.by_start:
-                found.append(replace(visit, place=place, variable=""))
-            elif aim is not None:
-                name, index = variable(aim[2], match.start()), aim[3] or ""
-                found.append(
-                    replace(
-                        visit, place=place, variable=name, element=index if index.isdigit() or not index else COMPUTED
-                    )
-                )
-            else:
-                found.append(replace(visit, place=place))
-    handed = [(f"{one.name}\\{name}", to) for one in routines for name, to in one.calls(source, variable)]
-    for _ in range(_NESTED):  # of routines that hand their parameters on
-        for parameter, name in handed:
-            found += [replace(each, variable=name) for each in found if each.variable == parameter]
-        found = list(dict.fromkeys(found))
-    return found
+        return tool, work
 
 
-def _arguments(text: str, start: int = 0) -> Iterable[tuple[int, str]]:
-    """Arguments of an instruction with their places, split at commas outside of brackets."""
-    depth, first = 0, 0
-    for place, character in enumerate(text):
-        depth += (character in "([{") - (character in ")]}")
-        if character == "," and depth == 0:
-            yield start + first, text[first:place]
-            first = place + 1
-    yield start + first, text[first:]
+def _counts(part: Part) -> list[int]:
+    """Counts of numbers in the lists that a list consists of; [] for other lists."""
+    lists = [item.parts[0] for item in part.items if len(item.parts) == 1 and item.parts[0].bracket == "["]
+    return [len(each.items) for each in lists] if part.bracket == "[" and len(lists) == len(part.items) > 1 else []
 
 
-@dataclass(frozen=True)
-class _Routine:
-    """A procedure or function with its parameters, lower case."""
-
-    name: str
-    start: int
-    end: int
-    parameters: tuple[str, ...]
-
-    def calls(self, source: Source, variable: Callable[[str, int], str]) -> Iterable[tuple[str, str]]:
-        """Parameters, each with a variable that is handed to it."""
-        for match in re.finditer(rf"(?<![\w%\"]){self.name}\b([^;:]{{1,2000}});", source.code, re.IGNORECASE):
-            if self.start <= match.start() < self.start + len(self.name) + _HEAD:
-                continue
-            for parameter, (_, argument) in zip(self.parameters, _arguments(match[1]), strict=False):
-                handed = re.fullmatch(r"[\s(]*([A-Za-z]\w*)\s*(?:\{[^{}]*\}\s*)?", argument.partition("\\")[0])
-                if handed:
-                    yield parameter, variable(handed[1].lower(), match.start())
-                for inner in _OFFSET.finditer(argument):
-                    start = _NAME.search(argument, inner.end())
-                    if start:
-                        yield parameter, variable(start[0].lower(), match.start())
-
-
-def _routines(source: Source) -> list[_Routine]:
-    found: list[_Routine] = []
-    for match in _ROUTINE.finditer(source.code):
-        end = _ROUTINE_END.search(source.code, match.end())
-        names = (_NAME.findall(re.split(r"[{\\]", part.lstrip(" \t\\"))[0]) for part in match[2].split(","))
-        parameters = tuple(each[-1].lower() for each in names if each)
-        found.append(_Routine(match[1].lower(), match.start(), end.start() if end else len(source.code), parameters))
-    return found
-
-
-def _structure(source: Source) -> Iterable[FlowEvent[Never]]:
-    """The program's routines, branches, loops and calls."""
-    names = set()
-    for match in _BLOCK.finditer(source.code):
-        place = match.start()
-        if match[1]:
-            names.add(match[2].lower())
-            yield FlowEvent(place, "routine", match[2].lower())
-        elif match[3] or match[4]:
-            yield FlowEvent(place, "if", "SWITCH" if match[4] else "")
-        elif match[5]:
-            yield FlowEvent(place, "loop")
-        elif match[6] or match[7]:
-            yield FlowEvent(place, "else", "" if match[7] else "elseif")
-        else:
-            yield FlowEvent(place, "end")
-    for match in _CALL.finditer(source.code):
-        if match[1].lower() in names:
-            yield FlowEvent(match.start(1), "call", match[1].lower())
+def _flat(pose: Part) -> list[Item]:
+    return [item for each in pose.items for item in each.parts[0].items]

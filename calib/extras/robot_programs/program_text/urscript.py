@@ -9,273 +9,162 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from itertools import zip_longest
+from dataclasses import replace
 from math import pi
-from typing import Never
 
 import numpy as np
 
-from calib.extras.robot_programs.program_text.flow import FlowEvent
-from calib.extras.robot_programs.program_text.motions import COMPUTED, Frames, Literal, Reading, Visit
+from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
-from calib.extras.robot_programs.program_text.source import (
-    Group,
-    NamedFrame,
-    ProgramTargets,
-    Source,
-    Word,
+from calib.extras.robot_programs.program_text.reading import (
+    COMPUTED,
+    Aim,
+    Assignment,
+    Frames,
+    Held,
+    ProgramReader,
+    Told,
+    Visit,
 )
+from calib.extras.robot_programs.program_text.source import Item, Part, Statement, Syntax
+from calib.extras.robot_programs.program_text.targets import NamedFrame, ProgramTarget
 
-MASKED = re.compile(r"\"[^\"\r\n]*\"?|'[^'\r\n]*'?|#[^\r\n]*")
-_MOTIONS = {"movej": 1, "movel": 1, "movep": 1, "movec": 2, "servoj": 1, "servoc": 1, "servol": 1}
 _INVERSE = ("get_inverse_kin", "get_inverse_kin_has_solution")
-_GOES = _MOTIONS | dict.fromkeys((*_INVERSE, "get_forward_kin"), 1)
+_JOINT_MOTIONS = ("movej", "servoj", *_INVERSE)
+_GOES = {
+    "movel": 1,
+    "movep": 1,
+    "movec": 2,
+    "servoc": 1,
+    "servol": 1,
+    "get_forward_kin": 1,
+    **dict.fromkeys(_JOINT_MOTIONS, 1),
+}
 """Functions, and how many of their first arguments are targets."""
-_JOINT_MOTIONS = {"movej", "servoj", *_INVERSE}
-_JUMPS = {"speedj", "freedrive_mode", "teach_mode"}  # which leave the arm in any posture
-_KEYWORDS = {"q", "x", "pose", "pose_to", "pose_via"}
-_NEAR, _TCP = "qnear", "set_tcp"
-_PLAIN = {"d2r", "pose_trans", _TCP}  # calls in a list of points
-_UNITS = {"d2r": pi / 180.0}
-_BLOCKS = {"def": "routine", "thread": "routine", "sec": "routine", "if": "if", "while": "loop", "for": "loop"}
-_NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\[\s*([^\]]*?)\s*\])?")
-_KEYWORD = re.compile(r"\s*([A-Za-z_]\w*)\s*=(?!=)")
-_VALUE = re.compile(r"[\w$]+\s*=(?!=)\s*")
+_JUMPS = ("speedj", "freedrive_mode", "teach_mode")  # which leave the arm in any posture
+_KEYWORDS = ("q", "x", "pose", "pose_to", "pose_via")
+_PLAIN = ("d2r", "pose_trans", "set_tcp")  # calls in a list of points
+_BLOCKS: dict[str, FlowKind] = {
+    **dict.fromkeys(("def", "thread", "sec"), "routine"), "if": "if", "elif": "else", "else": "otherwise",
+    "while": "loop", "for": "loop", "end": "end",
+}  # fmt: skip
 _BASE = NamedFrame("base", np.eye(4))
 
 
-def urscript_targets(source: Source) -> ProgramTargets:
-    """Targets of a URScript program. Raises CalibError where brackets do not match."""
-    return _Program(source).targets()
+class UrscriptReader(ProgramReader):
+    """Targets of a URScript program."""
 
+    syntax = Syntax(re.compile(r"\"[^\"\r\n]*\"?|'[^'\r\n]*'?|#[^\r\n]*"), "\r\n", "([", any_case=False)
+    blocks, first_index, top_first, units = _BLOCKS, 0, True, {"d2r": pi / 180.0}
 
-@dataclass(frozen=True)
-class _Aim:
-    """What an expression stands for: a variable, or a literal of six numbers, perhaps behind a frame."""
+    @property
+    def acts(self) -> bool:
+        """Whether it calls anything that a list of points does not."""
+        every = (part for statement in self.source.statements for item in statement for part in item.deep())
+        return any(part.bracket == "(" and part.text not in ("", *_PLAIN) for part in every)
 
-    place: int
-    variable: str = COMPUTED
-    element: str = ""
-    group: Group | None = None  # of a literal
-    is_pose: bool = False
-    frame: tuple[int, int] | None = None  # first argument of pose_trans
-    near: tuple[float, ...] = ()
-    by_inverse: bool = False  # whether it is what get_inverse_kin finds there
+    def is_changed(self, assignment: Assignment) -> bool:
+        """Whether a number of a list is set."""
+        return bool(assignment.index)
 
+    def is_literal(self, part: Part) -> bool:
+        """Whether brackets are a list or a pose."""
+        return part.bracket == "[" and part.text in ("", "p")
 
-class _Program:
-    def __init__(self, source: Source) -> None:
-        self._source, self._code = source, source.code
-        self._acts = any(self._is_call(word) and word.text not in _PLAIN for word in source.words)
-        self._assigned: dict[str, list[int]] = {}
-        self._changed: dict[str, int] = {}  # variables of which a number is set anew, with the place
-        for word in source.words:
-            self._read_assignment(word)
-        self._structure = list(self._blocks())
-        calls = [self._call_at(mark.place) for mark in self._structure if mark.kind == "routine"]
-        self._parameters = {
-            self._code[start:end].partition("=")[0].strip() for call in calls if call for start, end in call.items
-        } - {""}
-        self._aims: dict[int, tuple[str, _Aim]] = {}  # of motions, with the function, by their places
-        for group in source.groups:
-            self._read_motion(group)
-        self._visited = {aim.variable for _, aim in self._aims.values()}
+    def aim(self, item: Item) -> Aim:
+        """What an expression stands for, through `pose_trans` and `get_inverse_kin`."""
+        call = item.parts[0] if len(item.parts) == 1 else None
+        if call is not None and call.text in _INVERSE and call.items:
+            return replace(self.aim(_argument(call.items[0])[1]), near=self._near(call), is_joint=True)
+        if call is not None and call.text == "pose_trans" and len(call.items) == 2:
+            inner = self.aim(call.items[1])
+            is_pose = inner.literal is not None and inner.literal.text == "p"
+            return replace(inner, frame=call.items[0]) if is_pose else Aim(call.start)
+        return super().aim(item)
 
-    def targets(self) -> ProgramTargets:
-        """Targets with their frames, and what else looks like one."""
-        source = self._source
-        visits = [
-            Visit(
-                aim.place, "" if aim.group else aim.variable, aim.element, near=aim.near,
-                is_joint=aim.by_inverse or function in _JOINT_MOTIONS,
-            )
-            for function, aim in self._aims.values()
-        ]  # fmt: skip
-        reading = Reading(source, visits, _UNITS)
+    def moves(self, statement: Statement) -> Iterable[Visit]:
+        """The motions of a line, and what asks for joints at a pose."""
         seen: set[int] = set()
-        for name, element, aim in (*((function, "", aim) for function, aim in self._aims.values()), *self._held()):
-            if aim.group is not None and aim.group.start < source.own_end:
-                seen.add(aim.group.start)
-                reading.take(self._literal(name, element, aim, aim.group))
-        for group in source.own_groups:
-            start = self._start(group)
-            if start is not None and group.start not in seen:
-                function = source.function_of(group.parent) if group.parent and group.parent.bracket == "(" else ""
-                reading.leave(start, group.end, f"an argument of {function}" if function else "part of an expression")
-        tools = Frames(NamedFrame("the controller's own TCP (no set_tcp before it)", None), list(self._tools()))
-        return reading.result(self._structure, tools, Frames(_BASE), acts=self._acts, top_first=True)
+        for call in (part for item in statement for part in item.deep() if part.bracket == "("):
+            if call.text in _JUMPS:
+                yield Visit(Aim(call.start), is_joint=True)
+            for k, item in enumerate(call.items if call.text in _GOES else ()):
+                keyword, value = _argument(item)
+                aim = self.aim(value)
+                if (keyword in _KEYWORDS if keyword else k < _GOES[call.text]) and aim.place not in seen:
+                    seen.add(aim.place)
+                    yield Visit(aim, call.text, aim.is_joint or call.text in _JOINT_MOTIONS)
 
-    def _start(self, group: Group) -> int | None:
-        """Place at which a list or pose of six begins; None for anything else."""
-        if group.bracket != "[" or any(child.bracket == "[" for child in group.children) or len(group.items) != 6:
+    def told(self, held: Held, statement: Statement) -> Told | str | None:
+        """The target of a list or pose of six."""
+        literal = held.literal
+        if len(literal.items) != 6 or any(part.bracket == "[" for item in literal.items for part in item.parts):
             return None
-        before = self._code[max(0, group.start - 2) : group.start]
-        if before.endswith("p") and not (len(before) > 1 and (before[0].isalnum() or before[0] == "_")):
-            return group.start - 1
-        return None if before[-1:].isalnum() or before[-1:] in ("_", "]", ")") else group.start
+        if not held.name:
+            return "an argument or part of an expression"
+        is_pose = literal.text == "p"
+        near = held.aim.near or (self._joints_of(held.name[:-2] + "_q") if held.name.endswith("_p") else ())
+        work = _BASE if held.aim.frame is None else self._frame(held.aim.frame)
+        target = ProgramTarget("pose" if is_pose else "joints", near=near)
+        if isinstance(work, str):
+            return Told(target, literal.items, reason=work)
+        return Told(replace(target, work=work if is_pose else None), literal.items)
 
-    def _aim(self, start: int, end: int) -> _Aim:
-        """What an expression stands for."""
-        code = self._code
-        start += len(code[start:end]) - len(code[start:end].lstrip())
-        stop = start + len(code[start:end].rstrip())
-        opening = re.compile(r"(?:p\s*)?(?=\[)|([A-Za-z_]\w*)\s*(?=\()").match(code, start, stop)
-        group = self._source.by_start.get(opening.end()) if opening else None
-        if opening is None or group is None or group.end != stop:
-            name = _NAME.fullmatch(code, start, stop)
-            if name is None:
-                return _Aim(start)
-            index = name[2] or ""
-            return _Aim(start, name[1], index if not index or index.isdigit() else COMPUTED)
-        if opening[1] is None:
-            is_six = self._start(group) is not None
-            return _Aim(start, group=group if is_six else None, is_pose=code[start] == "p")
-        if opening[1] == "pose_trans" and len(group.items) == 2:
-            inner = self._aim(*group.items[1])
-            return replace(inner, frame=group.items[0]) if inner.group and inner.is_pose else _Aim(start)
-        if opening[1] in _INVERSE:
-            return replace(self._argument(*group.items[0])[1], near=self._near(group), by_inverse=True)
-        return _Aim(start)
+    def _once(self, name: str) -> Aim | None:
+        """What is assigned to a variable once and for all; None for others."""
+        every = self.assignments.get(name, [])
+        known = len(every) == 1 and name not in self.changed and name not in self.parameters
+        return self.aim(every[0].value) if known else None
 
-    def _argument(self, start: int, end: int) -> tuple[str, _Aim]:
-        """Keyword of an argument, "" without one, and what it stands for."""
-        keyword = _KEYWORD.match(self._code, start, end)
-        return (keyword[1] if keyword else ""), self._aim(keyword.end() if keyword else start, end)
-
-    def _read_motion(self, group: Group) -> None:
-        """Keep what a call goes to, where it is a motion's, or asks for joints there."""
-        function = self._source.function_of(group) if group.bracket == "(" else ""
-        if function in _JUMPS:
-            self._aims[group.start] = "movej", _Aim(group.start)
-        for k, item in enumerate(group.items if function in _GOES else []):
-            keyword, aim = self._argument(*item)
-            if keyword in _KEYWORDS or (not keyword and k < _GOES[function]):
-                self._aims.setdefault(aim.place, (function, aim))
-
-    def _held(self) -> Iterable[tuple[str, str, _Aim]]:
-        """Variables that are assigned literals, with the element where these stand in a list."""
-        for name, places in self._assigned.items():
-            for place in places:
-                aim, group = self._value(place), self._source.by_start.get(self._value(place).place)
-                if aim.group is not None and aim.place not in self._aims:
-                    yield name, "", aim
-                elif group is not None and group.bracket == "[":
-                    for k, (start, end) in enumerate(group.items):
-                        yield name, str(k), self._aim(start, end)
-
-    def _value(self, place: int) -> _Aim:
-        """What is assigned to the variable at a place."""
-        start = _VALUE.match(self._code, place)
-        assert start is not None, "an assignment has been read there"
-        opening = re.compile(r"[\w\s]*?(?=[(\[])").match(self._code, start.end(), self._source.line_end(place))
-        group = self._source.by_start.get(opening.end()) if opening else None
-        end = self._source.line_end(place if group is None else group.end)
-        return self._aim(start.end(), start.end() + len(self._code[start.end() : end].rstrip("; \t\r\n")))
-
-    def _literal(self, name: str, element: str, aim: _Aim, group: Group) -> Literal:
-        """Target of a literal that a variable holds or a motion has."""
-        near = aim.near or (self._joints_of(name.removesuffix("_p") + "_q") if name.endswith("_p") else ())
-        work = _BASE if aim.frame is None else self._frame(*aim.frame)
-        reason = work if isinstance(work, str) else ""
-        if name in self._changed:
-            reason = f"{self._source.at_line(self._changed[name])} sets one of its numbers anew"
-        elif name in self._parameters:
-            reason = "a function of the program has a parameter of its name"
-        return Literal(
-            f"{name}[{element}]" if element else name, aim.place, group.end, "pose" if aim.is_pose else "joints",
-            group.items, name, element, near=near, work=None if isinstance(work, str) else work, reason=reason,
-        )  # fmt: skip
-
-    def _frame(self, start: int, end: int) -> NamedFrame | str:
+    def _frame(self, item: Item) -> NamedFrame | str:
         """Frame that the first argument of a `pose_trans` is, or why the pose behind it is left."""
-        aim = self._aim(start, end)
-        if aim.group is not None:
-            return self._plain_frame(aim, f"the frame of {self._source.at_line(start)}")
+        aim = self.aim(item)
         name = aim.variable
-        if name in self._visited and name != COMPUTED:
+        if name in {visit.aim.variable for visit in self.visits} - {"", COMPUTED}:
             return f"an offset from {name}, which moves along with it"
-        places = self._assigned.get(name, [])
-        if name == COMPUTED or name in self._parameters or name in self._changed or len(places) > 1:
-            return f"it stands behind {self._source.literal(start, end).strip()}, which the program computes"
-        frame = self._plain_frame(self._value(places[0]), name) if places else NamedFrame(name, None)
-        computed = f"it stands behind {name}, which the program computes"
-        return computed if places and frame.transform is None else frame
-
-    def _plain_frame(self, aim: _Aim, name: str) -> NamedFrame:
-        """Frame by a literal of plain numbers; without its transform for anything else."""
-        numbers = "" if aim.group is None or aim.frame else self._source.numbers(aim.group.items, _UNITS)
-        if isinstance(numbers, str):
+        if not aim.literal and name not in (COMPUTED, *self.assignments, *self.parameters):
             return NamedFrame(name, None)
-        return NamedFrame(name, pose_transform("URScript", np.array([number.value for number in numbers])))
+        frame = self._plain_frame(
+            aim if aim.literal else self._once(name), name or f"the frame of {self.source.at_line(item.start)}"
+        )
+        return f"it stands behind {self.text(item)}, which the program computes" if frame.transform is None else frame
 
-    def _tools(self) -> Iterable[FlowEvent[NamedFrame]]:
-        """Where the program sets its tool."""
-        for word in self._source.words:
-            call = self._call_at(word.place) if word.text == _TCP else None
-            if call is not None:
-                aim = self._aim(*call.items[0])
-                places = self._assigned.get(aim.variable, [])
-                name = f"the TCP of {self._source.at_line(word.place)}"
-                if (
-                    aim.group is None
-                    and len(places) == 1
-                    and aim.variable not in self._parameters | self._changed.keys()
-                ):
-                    aim, name = self._value(places[0]), aim.variable
-                yield FlowEvent(word.place, "set", value=self._plain_frame(aim, name))
+    def _plain_frame(self, aim: Aim | None, name: str) -> NamedFrame:
+        """Frame by a literal of plain numbers; without its transform for anything else."""
+        values = self._plain(aim, "p")
+        return NamedFrame(name, pose_transform("URScript", np.array(values)) if len(values) == 6 else None)
 
-    def _near(self, call: Group) -> tuple[float, ...]:
-        """Joints near which a call of `get_inverse_kin` looks; () where none are told in plain numbers."""
-        for k, item in enumerate(call.items):
-            keyword, aim = self._argument(*item)
-            if keyword == _NEAR or (k == 1 and not keyword):
-                return self._joints_of(aim.variable) if aim.group is None else self._plain(aim)
-        return ()
-
-    def _joints_of(self, name: str) -> tuple[float, ...]:
-        """Plain joint values that a variable holds once and for all; () for others."""
-        places = self._assigned.get(name, [])
-        return self._plain(self._value(places[0])) if len(places) == 1 else ()
-
-    def _plain(self, aim: _Aim) -> tuple[float, ...]:
-        numbers = "" if aim.group is None or aim.is_pose else self._source.numbers(aim.group.items, _UNITS)
+    def _plain(self, aim: Aim | None, text: str) -> tuple[float, ...]:
+        """Plain numbers of a pose ("p") or list (""); () for anything else."""
+        literal = None if aim is None or aim.frame else aim.literal
+        numbers = "" if literal is None or literal.text != text else self.source.numbers(literal.items, self.units)
         return () if isinstance(numbers, str) else tuple(number.value for number in numbers)
 
-    def _is_call(self, word: Word) -> bool:
-        return self._call_at(word.place, word.place + len(word.text)) is not None
+    def _joints_of(self, name: str) -> tuple[float, ...]:
+        return self._plain(self._once(name), "")
 
-    def _call_at(self, place: int, end: int | None = None) -> Group | None:
-        """Brackets behind the name at a place, or behind an end."""
-        opening = self._code.find("(", place if end is None else end)
-        between = "" if end is None else self._code[end:opening].strip()
-        return self._source.by_start.get(opening) if opening >= 0 and not between else None
+    def _near(self, call: Part) -> tuple[float, ...]:
+        """Joints near which a call of `get_inverse_kin` looks; () where none are told in plain numbers."""
+        for k, item in enumerate(call.items):
+            keyword, value = _argument(item)
+            if keyword == "qnear" or (k == 1 and not keyword):
+                aim = self.aim(value)
+                return self._plain(aim, "") if aim.literal else self._joints_of(aim.variable)
+        return ()
 
-    def _read_assignment(self, word: Word) -> None:
-        """Keep an assignment to a variable, as a whole or to one of its numbers."""
-        end = word.place + len(word.text)
-        index = self._source.by_start.get(end) if self._code[end : end + 1] == "[" else None
-        behind = self._code[index.end if index else end : self._source.line_end(index.end if index else end)]
-        if word.group is None and re.match(r"\s*=(?!=)", behind):
-            if index is None:
-                self._assigned.setdefault(word.text, []).append(word.place)
-            elif not re.search(rf"\b{word.text}\b", behind):
-                self._changed.setdefault(word.text, word.place)
+    def frames(self) -> tuple[Frames, Frames]:
+        """Where the tool is set; poses are in the base or behind a frame of their own."""
+        sets: list[FlowEvent[NamedFrame]] = []
+        for call in (part for statement in self.source.statements for item in statement for part in item.deep()):
+            if call.text == "set_tcp" and call.items:
+                aim = self.aim(call.items[0])
+                held = None if aim.literal else self._once(aim.variable)
+                name = f"the TCP of {self.source.at_line(call.start)}" if held is None else aim.variable
+                sets.append(FlowEvent(call.start, "set", value=self._plain_frame(held or aim, name)))
+        return Frames(NamedFrame("the controller's own TCP (no set_tcp before it)", None), sets), Frames(_BASE)
 
-    def _blocks(self) -> Iterable[FlowEvent[Never]]:
-        """The program's functions, branches, loops and calls."""
-        words = self._source.words
-        defined: set[int] = set()
-        for word, following in zip_longest(words, words[1:]):
-            kind = _BLOCKS.get(word.text)
-            if kind == "routine" and following is not None:
-                defined.add(following.place)
-                yield FlowEvent(word.place, "routine", following.text)
-            elif kind in ("if", "loop"):
-                yield FlowEvent(word.place, kind)  # type: ignore[arg-type]
-            elif word.text in ("elif", "else"):
-                yield FlowEvent(word.place, "else", word.text.removeprefix("else"))
-            elif word.text == "end":
-                yield FlowEvent(word.place, "end")
-            elif word.place not in defined and self._is_call(word):
-                yield FlowEvent(word.place, "call", word.text)
+
+def _argument(item: Item) -> tuple[str, Item]:
+    """Keyword of an argument, "" without one, and its value."""
+    is_named = [part.text for part in item.parts[1:2]] == ["="]
+    return (item.parts[0].text, item.behind(2)) if is_named else ("", item)
