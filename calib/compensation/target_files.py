@@ -55,12 +55,11 @@ def load_targets(path: Path, robot: Robot) -> Targets:
     file.require(columns)
     if len(file) == 0:
         raise DatasetError(f"{path}: no row below the header; one row a target is needed")
-    q = robot.joints_of(load_joints(file, columns))
     ids = names(file, "pose") if "pose" in file else [str(i + 1) for i in range(len(file))]
     poses = Poses(
         ids=tuple(ids),
         role=np.full(len(file), "train"),
-        q=internal(q, columns),
+        q=robot.joints_of(internal(load_joints(file, columns), columns)),
         setup=np.full(len(file), ""),
         scan_names=("",) * len(file),
         extra=file.rest(["pose", *columns, *CONDITIONS, *approach_columns(robot)]),

@@ -34,7 +34,8 @@ from calib.consistency.hypotheses import (
     of_units,
     simplest_of,
 )
-from calib.consistency.joint_reading import likely_readings, simple_readings
+from calib.consistency.joint_convention import likely_conventions
+from calib.consistency.joint_reading import simple_readings
 from calib.consistency.row_matching import matched_rows
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
@@ -82,7 +83,7 @@ class DataProblem:
 
     @property
     def kind(self) -> str:
-        """Kind of mistake: joint_sign, joint_order, joint_zero, units, robot_table or row_order."""
+        """Kind of mistake: joint_sign, joint_order, joint_zero, joint_sum, units, robot_table or row_order."""
         return self.hypothesis.kind
 
     @property
@@ -167,8 +168,9 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = (), by_pla
     tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, [*simple, *units, of_mirroring()]))
     tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, tables))
     tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_shifts(dataset)))
-    if tried.judged().problem is None:
-        tried.fit_all(of_reading(r, names) for r in likely_readings(dataset.robot, sample))
+    if tried.judged().problem is None and len(sample.groups) == 1:
+        likely = likely_conventions(dataset.robot, sample.q, sample.points_mm)
+        tried.fit_all(of_reading(reading, names, dataset.robot.is_revolute) for reading in likely)
     if tried.judged().problem is None:
         tried.fit_all(of_other_lengths(dataset.robot, sample))
     if tried.judged().problem is None:

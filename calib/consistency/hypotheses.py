@@ -16,12 +16,13 @@ from calib.consistency.known_tables import KnownTables
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.chain import target_points
+from calib.kinematics.commanded import sums_in_words
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.plugins import contributions, load
 from calib.rendering import numbers
 
-JOINT_SIGN, JOINT_ORDER, JOINT_ZERO = "joint_sign", "joint_order", "joint_zero"
+JOINT_SIGN, JOINT_ORDER, JOINT_ZERO, JOINT_SUM = "joint_sign", "joint_order", "joint_zero", "joint_sum"
 UNITS, ROBOT_TABLE, ROW_ORDER, MIRRORED = "units", "robot_table", "row_order", "mirrored"
 _MIRROR = np.array([-1.0, 1.0, 1.0])  # any other reflection is this one and a turn
 
@@ -141,9 +142,14 @@ def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[P
 # ---- joints --------------------------------------------------------------------------------------------------------
 
 
-def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
-    """Hypothesis that the joint columns have other signs, another order or other zeros."""
-    turned = [k for k, sign in enumerate(reading.signs) if sign < 0]
+def of_reading(reading: JointReading, names: Sequence[str], turns: BoolArray | None = None) -> DataHypothesis:
+    """Hypothesis that the joint columns have other signs, another order or other zeros, or are sums of joints.
+
+    turns: (n,) which joints turn; None: all.
+    """
+    by_joint = np.asarray(np.linalg.inv(reading.coupling))
+    summed = np.flatnonzero(np.count_nonzero(by_joint, axis=1) > 1).tolist()
+    turned = [k for k, sign in enumerate(reading.signs) if sign < 0 and k not in summed]
     moved = [k for k, column in enumerate(reading.order) if column != k]
     zeros = [k for k, offset in enumerate(reading.offsets_rad) if offset]
     mistake, change, remedy = [], [], []
@@ -165,7 +171,15 @@ def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
         mistake.append(f"joint {k + 1} is counted from {-by:+.0f} deg")
         change.append(f"{by:+.0f} deg added to {names[reading.order[k]]}")
         remedy.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
-    kind = JOINT_ORDER if moved else JOINT_SIGN if turned else JOINT_ZERO
+    told = sums_in_words(by_joint, np.ones(len(names), dtype=bool) if turns is None else turns)
+    for k in summed:
+        name = names[reading.order[k]]
+        mistake.append(f"{name} of the table is {told[k]} of the robot")
+        change.append(f"{name} taken so")
+        remedy.append(
+            f"import with --map '{name}={told[k].replace('J', 'q').replace(' ', '')}' (coupling in robot.toml)"
+        )
+    kind = JOINT_SUM if summed else JOINT_ORDER if moved else JOINT_SIGN if turned else JOINT_ZERO
     return DataHypothesis(
         kind, _and(mistake), f"with {_and(change)}", _and(remedy), reading.joints, reading=reading, edits=reading.edits
     )

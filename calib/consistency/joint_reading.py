@@ -1,29 +1,28 @@
-"""Interpretation of a table's joint columns under other conventions: other signs, another order, other zeros."""
+"""Interpretation of a table's joint columns under other conventions: signs, order, zeros, sums of neighbours."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.consistency.agreement import Sample, misfit_mm
-from calib.kinematics.robot import Robot
 
-_BEAM, _DEEPEST = 6, 3
 _MOST_SIGNS = 8  # joints up to which all patterns of signs are tried
 _QUARTERS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
 
 
 @dataclass(frozen=True)
 class JointReading:
-    """Interpretation of joint columns: q_k = sign_k * value of column order_k + offset_k."""
+    """Interpretation of joint columns: q_k = sign_k * column order_k + further columns + offset_k, in rad and mm."""
 
     order: tuple[int, ...]
     signs: tuple[float, ...]
     offsets_rad: tuple[float, ...]
+    added: tuple[tuple[int, int, float], ...] = ()
+    """(k, j, factor): column order_j, times the factor, is added to joint k; joints from 0."""
 
     @classmethod
     def plain(cls, joints: int) -> JointReading:
@@ -32,68 +31,94 @@ class JointReading:
 
     @property
     def edits(self) -> int:
-        """Number of changed signs, zeros and exchanges of columns."""
+        """Number of changed signs, zeros, exchanges of columns and columns that are added to others."""
         moved = sum(k != column for k, column in enumerate(self.order))
-        return sum(s < 0 for s in self.signs) + sum(o != 0.0 for o in self.offsets_rad) + (moved + 1) // 2
+        zeros = sum(offset != 0.0 for offset in self.offsets_rad)
+        return sum(sign < 0 for sign in self.signs) + zeros + (moved + 1) // 2 + len(self.added)
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """Order of the simple before the others: by changes, zeros last, as a wrong sign may look like a wrong zero."""
+        return self.edits, sum(offset != 0.0 for offset in self.offsets_rad)
 
     @property
     def joints(self) -> tuple[int, ...]:
         """Numbers, from 1, of the joints whose values change."""
-        return tuple(
-            k + 1
-            for k, (column, sign, offset) in enumerate(zip(self.order, self.signs, self.offsets_rad, strict=True))
-            if column != k or sign < 0 or offset != 0.0
-        )
+        plain = JointReading.plain(len(self.order))
+        changed = np.array(self.order) != plain.order
+        changed |= (self.coupling != np.eye(len(self.order))).any(axis=1) | (np.array(self.offsets_rad) != 0.0)
+        return tuple((np.flatnonzero(changed) + 1).tolist())
+
+    @property
+    def coupling(self) -> Array:
+        """Matrix (n, n) from the columns, put in order, to the joints."""
+        matrix = np.diag(self.signs)
+        for k, j, factor in self.added:
+            matrix[k, j] += factor
+        return matrix
+
+    @property
+    def solved(self) -> JointReading | None:
+        """Reading by which the columns are what this one makes of the joints; None where it is no sum of whole columns.
+
+        Of sums alone.
+        """
+        by_column = np.linalg.inv(self.coupling) if np.linalg.det(self.coupling) else np.zeros(0)
+        off = by_column - np.eye(len(self.order)) if by_column.size else by_column
+        if not off.size or np.diag(off).any():
+            return None
+        return replace(self, added=tuple((int(k), int(j), float(off[k, j])) for k, j in np.argwhere(off)))
 
     def of(self, q: Array) -> Array:
         """Joint values (N, n), rad or mm, interpreted from a file's values."""
-        return q[:, list(self.order)] * np.array(self.signs) + np.array(self.offsets_rad)
+        return q[:, list(self.order)] @ self.coupling.T + np.array(self.offsets_rad)
 
 
 def simple_readings(is_revolute: BoolArray) -> tuple[JointReading, ...]:
-    """Interpretations with any pattern of signs, two columns exchanged, all columns reversed, or one other zero."""
+    """Readings with any pattern of signs, two columns exchanged, all columns reversed, or one other zero."""
     plain, n = JointReading.plain(len(is_revolute)), len(is_revolute)
-    out = list(_edits(plain, is_revolute))
-    if n <= _MOST_SIGNS:
-        patterns = (replace(plain, signs=signs) for signs in product((1.0, -1.0), repeat=n))
-    else:
-        patterns = (replace(plain, signs=tuple(-1.0 if k in pair else 1.0 for k in range(n)))
-                    for pair in combinations(range(n), 2))  # fmt: skip
-    out += [reading for reading in patterns if reading.edits]
+    edited = [reading for reading in edits(plain, is_revolute) if not reading.added]
+    out = [*edited, *with_signs([plain], n)]
     if is_revolute.all() and n > 1:
         out.append(replace(plain, order=tuple(reversed(range(n)))))
-    return tuple(dict.fromkeys(out))
+    return tuple(reading for reading in dict.fromkeys(out) if reading.edits)
 
 
-def likely_readings(robot: Robot, sample: Sample) -> tuple[JointReading, ...]:
-    """Interpretations with up to three changes that have the least misfit of the nominal arm (beam search)."""
-    tried: dict[JointReading, float] = {}
-    beam = [JointReading.plain(robot.n_joints)]
-    for _ in range(_DEEPEST):
-        edited = list(dict.fromkeys(edit for reading in beam for edit in _edits(reading, robot.is_revolute)))
-        for reading in edited:
-            if reading.edits and reading not in tried:
-                tried[reading] = misfit_mm(robot, replace(sample, q=reading.of(sample.q)))
-        beam = sorted((r for r in edited if r.edits), key=lambda reading: tried[reading])[:_BEAM]
-    return tuple(sorted(tried, key=lambda reading: tried[reading])[: _BEAM * _DEEPEST])
+def with_signs(readings: Sequence[JointReading], n: int) -> Iterator[JointReading]:
+    """Readings of n joints with every pattern of signs, or of many joints with two turned."""
+    if n <= _MOST_SIGNS:
+        patterns = list(product((1.0, -1.0), repeat=n))
+    else:
+        pairs = combinations(range(n), 2)
+        patterns = [(1.0,) * n, *(tuple(-1.0 if k in pair else 1.0 for k in range(n)) for pair in pairs)]
+    for reading in readings:
+        yield from (replace(reading, signs=signs) for signs in patterns)
 
 
-def _edits(reading: JointReading, turns: BoolArray) -> Iterator[JointReading]:
-    """All interpretations with one more change of the joint columns: a sign, a zero, or two columns exchanged.
+def edits(reading: JointReading, turns: BoolArray, *, far: bool = False) -> Iterator[JointReading]:
+    """All readings with one more change: a sign, a zero, two columns exchanged, one added to another or taken off.
 
     The zeros of the first and the last joint are left out, as the scanner's and the tool's pose absorb them.
+
+    far: whether a column may be added to one that is no neighbour.
     """
-    for k in range(len(turns)):
+    n = len(turns)
+    for k in range(n):
         signs = list(reading.signs)
         signs[k] = -signs[k]
         yield replace(reading, signs=tuple(signs))
-        if turns[k] and 0 < k < len(turns) - 1 and reading.offsets_rad[k] == 0.0:
+        if turns[k] and 0 < k < n - 1 and reading.offsets_rad[k] == 0.0:
             for quarter in _QUARTERS:
                 offsets = list(reading.offsets_rad)
                 offsets[k] = quarter
                 yield replace(reading, offsets_rad=tuple(offsets))
-    for i, j in combinations(range(len(turns)), 2):
-        if turns[i] == turns[j]:
-            order = list(reading.order)
-            order[i], order[j] = order[j], order[i]
-            yield replace(reading, order=tuple(order))
+    for i, j in combinations(range(n), 2):
+        if turns[i] != turns[j]:
+            continue
+        order = list(reading.order)
+        order[i], order[j] = order[j], order[i]
+        yield replace(reading, order=tuple(order))
+        for to, of in ((i, j), (j, i)):
+            if (far or j == i + 1) and not any(add[:2] == (to, of) for add in reading.added):
+                for factor in (1.0, -1.0):
+                    yield replace(reading, added=tuple(sorted((*reading.added, (to, of, factor)))))

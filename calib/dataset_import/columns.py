@@ -105,7 +105,8 @@ _EXACT = re.compile(
 
 
 _TURNED = re.compile(
-    r"^(?P<sign>-?)(?P<name>q(?:[1-9]\d?|\*))(?:_(?P<unit>deg|rad|mm|m|cm|in))?(?P<offset>[+-]\d{1,4}(?:\.\d{1,6})?)?$"
+    r"^(?P<sign>-?)(?P<name>q(?:[1-9]\d?|\*))(?:_(?P<unit>deg|rad|mm|m|cm|in))?"
+    r"(?:(?P<others>(?:[+-]q[1-9]\d?)+)|(?P<offset>[+-]\d{1,4}(?:\.\d{1,6})?))?$"
 )
 _FEW_JOINTS = 2
 BY_NAME, AS_MAPPED, BY_PLACE = "by its name", "as told", "by its place, as there is no header"
@@ -113,16 +114,21 @@ BY_NAME, AS_MAPPED, BY_PLACE = "by its name", "as told", "by its place, as there
 
 @dataclass(frozen=True)
 class Meaning:
-    """Meaning of a column: a joint q = sign * value + offset, a coordinate, or another column of the format."""
+    """Meaning of a column: a joint q = sign * value + offset, a coordinate, or another column of the format.
+
+    With `others` the column's value is sign * q and these joints, each with its sign: J3 = q3 - q2.
+    """
 
     name: str  # "q1" ..., "x", "y", "z", "pose", a condition, or a name of poses.csv and points.csv as it is
     unit: str = ""
     sign: float = 1.0
     offset: float = 0.0  # in the unit
+    others: tuple[tuple[str, float], ...] = ()
 
     def __str__(self) -> str:
         unit = f"_{self.unit}" if self.unit else ""
-        return f"{'-' if self.sign < 0 else ''}{self.name}{unit}{f'{self.offset:+g}' if self.offset else ''}"
+        others = "".join(f"{'-' if sign < 0 else '+'}{name}" for name, sign in self.others)
+        return f"{'-' if self.sign < 0 else ''}{self.name}{unit}{others}{f'{self.offset:+g}' if self.offset else ''}"
 
 
 @dataclass(frozen=True)
@@ -135,6 +141,7 @@ class Column:
     sign: float = 1.0
     offset: float = 0.0
     why: str = BY_NAME
+    others: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -159,8 +166,8 @@ def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
         meaning = meaning_of(text)
         if not equals or not column.strip() or meaning is None:
             raise DatasetError(
-                f"--map {pair}: expected column=meaning, a meaning being q1 (q1_deg, q1_rad, -q1_deg, q1_deg+90) ..., "
-                f"x, y, z (x_mm, x_m), length_mm, anchor, {', '.join(_OTHERS)}, ignore"
+                f"--map {pair}: expected column=meaning, a meaning being q1 (q1_deg, q1_rad, -q1_deg, q1_deg+90, "
+                f"q3-q2) ..., x, y, z (x_mm, x_m), length_mm, anchor, {', '.join(_OTHERS)}, ignore"
             )
         out[column.strip()] = meaning
     return out
@@ -174,7 +181,11 @@ def meaning_of(text: str) -> Meaning | None:
     turned = _TURNED.match(text)
     if turned:
         sign = -1.0 if turned["sign"] else 1.0
-        return Meaning(turned["name"], turned["unit"] or "", sign, float(turned["offset"] or 0.0))
+        others = re.findall(r"([+-])(q\d+)", turned["others"] or "")
+        return Meaning(
+            turned["name"], turned["unit"] or "", sign, float(turned["offset"] or 0.0),
+            tuple((name, -1.0 if of == "-" else 1.0) for of, name in others),
+        )  # fmt: skip
     base, unit = split_unit(text)
     if base in ("x", "y", "z", "ignore", *_OTHERS) or re.fullmatch(r"q([1-9]\d?|\*)", base):
         return Meaning(base, unit)
@@ -202,7 +213,7 @@ def recognise(
                 f"columns {found[meant.name].name!r} and {name!r} both stand for {meant.name}; tell with --map"
             )
         elif meant.name != "ignore":
-            found[meant.name] = Column(name, meant.name, meant.unit, meant.sign, meant.offset, why)
+            found[meant.name] = Column(name, meant.name, meant.unit, meant.sign, meant.offset, why, meant.others)
 
     for pattern, meant in mapping.items():
         for k, name in enumerate(_matching(names, pattern, robot)):
@@ -333,6 +344,11 @@ def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[
     positions = [name for name in names if is_position(name)]
     found, faults = _joints_among(positions, robot)
     return (found, faults) if found or faults else _joints_among(names, robot)
+
+
+def numbered_joints(names: Sequence[str]) -> list[str]:
+    """Columns of joints by their numbers, however many there are."""
+    return _joints(names, None)[0]
 
 
 def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:

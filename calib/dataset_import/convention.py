@@ -13,16 +13,21 @@ from calib.array_types import Array
 from calib.calibration.calibrate import fit_measured
 from calib.consistency.agreement import Sample, misfit_mm, sample_of
 from calib.consistency.data_problem import Suspicions, suspicions
+from calib.consistency.hypotheses import of_reading
+from calib.consistency.joint_convention import FEWEST_POSES, joint_convention
 from calib.consistency.joint_reading import JointReading
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset_import.columns import AS_MAPPED, Recognised
 from calib.dataset_import.reading import ImportReport
-from calib.errors import CalibError
+from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
 from calib.robot_formats.conventions import TABLE_KINDS, RobotReading
 from calib.robot_formats.robot_file import RobotFile
 
 GAIN = 5.0  # ratio of misfits from which the gain is overwhelming
+_FAR = 0.03  # the same, above which other conventions of the joints are tried
+_FAR_OF_SCREWS = 0.005  # the same of an arm with slides, which a screw hardly moves
+_MOST_LISTED = 4  # conventions that a sentence tells
 AGREES = 0.1  # of the points' spread, at most, where arm and points belong together
 
 
@@ -51,30 +56,67 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Settled:
-    """Chosen robot, and chosen order, signs and zeros of its joints' columns, with the reason."""
+    """Chosen robot, with what it is commanded by the joints' columns, which follow an order; with the reason."""
 
     robot: RobotFile
     joints: JointReading
     why: str = ""
 
     def applied(self, meant: Recognised, units: Sequence[str]) -> Recognised:
-        """The recognised columns with joint k read from column order_k, with the chosen sign and zero."""
+        """The recognised columns with joint k read from column order_k, and what its values are by the joints."""
         reading, n = self.joints, len(units)
         if reading == JointReading.plain(n):
             return meant
         columns = dict(meant.columns)
+        by_joint = np.linalg.inv(reading.coupling)
         for k in range(n):
             source = meant.columns[f"q{reading.order[k] + 1}"]
             offset = degrees(reading.offsets_rad[k]) if units[k] == "deg" else reading.offsets_rad[k]
-            changed = reading.order[k] != k or reading.signs[k] < 0 or offset != 0.0
             columns[f"q{k + 1}"] = replace(
                 source,
                 meaning=f"q{k + 1}",
-                sign=reading.signs[k],
+                sign=float(by_joint[k, k]) or 1.0,
                 offset=offset,
-                why=self.why if changed else source.why,
+                why=self.why if k + 1 in reading.joints else source.why,
+                others=tuple((f"q{j + 1}", float(by_joint[k, j])) for j in range(n) if j != k and by_joint[k, j]),
             )
         return replace(meant, columns=columns)
+
+
+def with_told_commands(robot: RobotReading, meant: Recognised, scale: Array) -> RobotReading:
+    """Robot whose commanded values are those of the columns, with the signs, zeros and sums that the user told.
+
+    scale: (n,) from the columns' units to rad and mm.
+    """
+    arm = robot.robot.robot
+    of_joints = [meant.columns[f"q{k + 1}"] for k in range(arm.n_joints)]
+    by_joint = np.diag([column.sign for column in of_joints])
+    for k, column in enumerate(of_joints):
+        for name, sign in column.others:
+            if not 1 <= int(name[1:]) <= arm.n_joints:
+                raise DatasetError(
+                    f"--map {column.name}=...: {name} is no joint of {arm.name}, which has {arm.n_joints}"
+                )
+            by_joint[k, int(name[1:]) - 1] += sign
+    if abs(np.linalg.det(by_joint)) < 0.5:  # of whole numbers
+        raise DatasetError("--map: the columns of joints do not tell all joints; each needs a sum of its own")
+    by_column = np.linalg.inv(by_joint)
+    zeros = by_column @ (scale * [column.sign * column.offset for column in of_joints])
+    return replace(robot, robot=replace(robot.robot, robot=_commanded(arm, by_column, zeros)))
+
+
+def _commanded(robot: Robot, coupling: Array, zeros: Array) -> Robot:
+    """Robot whose present commanded values follow from others: coupling @ others + zeros."""
+    before = np.array(robot.coupling) if robot.coupling else np.eye(robot.n_joints)
+    return robot.with_commands(before @ coupling, before @ zeros + robot.zeros)
+
+
+def _as_read(robot: RobotFile, reading: JointReading, why: str) -> Settled:
+    """The choice of a robot whose joint values are what a reading makes of those that the columns give now."""
+    arm, order = robot.robot, list(reading.order)
+    now = np.array(arm.coupling)[np.ix_(order, order)] if arm.coupling else np.eye(arm.n_joints)
+    arm = arm.with_commands(reading.coupling @ now, reading.coupling @ arm.zeros[order] + reading.offsets_rad)
+    return Settled(replace(robot, robot=arm), reading, why)
 
 
 def has_known_unit(
@@ -113,7 +155,7 @@ def settled(
     as_it_is = Settled(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
         report.notes.append(f"{asked.robot.robot.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
-    if sheet is None or sample is None or not sample.is_enough:
+    if sheet is None or sample is None or len(sample.q) < FEWEST_POSES or not sample.spread_mm > 0.0:
         if not any(each.asked for each in readings) and len(readings) > 1:
             report.fault(_ask_for_convention(asked, readings))
         return as_it_is
@@ -140,7 +182,24 @@ def settled(
         report.notes += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
         return Settled(best.robot, plain)
     names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
-    found = _suspicions(sheet, asked.robot.robot, names)
+    scale_mm = _scale_mm(asked.robot.robot, sample)
+    is_told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if _is_joint(name))
+    if misfits[0] > (_FAR if asked.robot.robot.is_revolute.all() else _FAR_OF_SCREWS) * scale_mm:
+        convention = joint_convention(asked.robot.robot, sample.q, sample.points_mm)
+        told = [of_reading(one, names, asked.robot.robot.is_revolute) for one in convention.readings]
+        fall = f"the error falls from {convention.as_it_is_mm:.3g} to {convention.left_mm:.3g} mm"
+        if len(told) == 1 and not is_told:
+            report.notes.append(
+                f"{table}: {told[0].mistake}, and is read so: {told[0].change} {fall}; --map says it otherwise"
+            )
+            return _as_read(asked.robot, convention.readings[0], f"so read, {fall}")
+        if told:
+            mistakes = ", or ".join(one.mistake for one in told[:_MOST_LISTED])
+            more = f", or {len(told) - _MOST_LISTED} others" if len(told) > _MOST_LISTED else ""
+            which = f" {told[0].change}" if len(told) == 1 else " these poses do not tell which;"
+            report.doubts.append(f"{table}: {mistakes}{more}:{which} {fall}; tell with --map")
+            return as_it_is
+    found = _suspicions(sheet, asked.robot.robot, names) if sample.is_enough else Suspicions(None)
     problem = found.problem
     if problem is not None and problem.hypothesis.angle_scale != 1.0 and _names_tell_units(meant):
         problem = None
@@ -149,7 +208,7 @@ def settled(
             report.doubts.append(
                 f"{table}: {found.likeliest.warning}, or an effect of the arm looks so: inspector diagnose weighs them"
             )
-        if misfits[0] > AGREES * _scale_mm(asked.robot.robot, sample):
+        if misfits[0] > AGREES * scale_mm:
             stood = (
                 f"; if column {placements[0]} names where the instrument, or a plate, stood, say so by --map "
                 f"'{placements[0]}=setup'"
@@ -158,13 +217,12 @@ def settled(
             )
             report.doubts.append(
                 f"{table}: the nominal arm misses the points by {misfits[0]:.3g} mm rms, and they spread by "
-                f"{sample.spread_mm:.3g} mm: they may be of another robot, or in another order; no sign, order or zero "
-                f"of the joints explains it{stood}"
+                f"{sample.spread_mm:.3g} mm: they may be of another robot, or in another order; no sign, order, zero "
+                f"or sum of the joints explains it{stood}"
             )
         return as_it_is
-    told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if _is_joint(name))
     reading = problem.hypothesis.reading
-    if reading is None or problem.rivals or told:
+    if reading is None or problem.rivals or is_told:
         by_map = "; tell with --map" if reading is not None else ""
         report.doubts.append(f"{table}: {problem.warning}{by_map}")
         return as_it_is
@@ -172,7 +230,7 @@ def settled(
     report.notes.append(
         f"{table}: {problem.mistake}, and is read so: {problem.hypothesis.change} {fall}; --map says it otherwise"
     )
-    return Settled(asked.robot, reading, f"so read, {fall}")
+    return _as_read(asked.robot, reading, f"so read, {fall}")
 
 
 def _names_tell_units(meant: Recognised) -> bool:

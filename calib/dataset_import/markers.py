@@ -170,7 +170,6 @@ def with_targets(
             "names and xyz_mm to a robot.toml, or leave out their rows"
         )
         return robot, everything
-    q = robot.joints_of(q)
     sample = Sample(q[row[rows]], xyz_mm[rows], groups[row[rows]])
     misfit, base_mm = nominal_places(robot, sample)
     base_T_scanner = {

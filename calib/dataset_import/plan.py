@@ -19,8 +19,8 @@ from calib.dataset_import.bad_rows import (
     too_many_bad_rows,
     without_remarks,
 )
-from calib.dataset_import.columns import Column, Meaning, Recognised, are_names, length_column
-from calib.dataset_import.convention import Sheet, has_known_unit, settled
+from calib.dataset_import.columns import Meaning, Recognised, are_names, length_column
+from calib.dataset_import.convention import Sheet, has_known_unit, settled, with_told_commands
 from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.measured import MeasuredPoses
@@ -342,8 +342,7 @@ def _with_numbers(
     n = report.robot.n_joints
     names = [f"q{k + 1}" for k in range(n)]
     near = None if seen is None else point_of_each_pose(q_file, seen, row_of)
-    told = [meant.columns[name].unit for name in names]
-    units, how = joint_units(report.robot, q_file, told, near)
+    units, how = joint_units(report.robot, q_file, [meant.columns[name].unit for name in names], near)
     report.notes.append(
         f"{table.path}: joints are {', '.join(meant.columns[name].name for name in names)}"
         + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")
@@ -352,8 +351,13 @@ def _with_numbers(
     if other is None:
         of_points = columns[table.path][1]
     scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
-    signs = np.array([meant.columns[name].sign for name in names])
-    q = (signs * q_file + np.array([meant.columns[name].offset for name in names])) * scale
+    commanded = q_file * scale
+    try:
+        told = [with_told_commands(each, meant, scale) for each in sources.robots]
+    except DatasetError as error:
+        report.fault(str(error))
+        return _plan(report, sources, columns, None, len(table))
+    q = told[0].robot.robot.joints_of(commanded)
     if not sources.tables:
         require_poses(report, table, meant, q)
     sheet, off, unit = None, 1.0, "mm"
@@ -365,12 +369,13 @@ def _with_numbers(
         place = of_one_place(near, row_of, (other or table, of_points), setups)
         sheet = Sheet(tuple(ids), q, place * LENGTHS_MM[unit])
         seen = seen * LENGTHS_MM[unit]
-    if sources.joint_unit_is_unknown and not has_known_unit(report, sources.robots, sheet, meant, table.path):
+    if sources.joint_unit_is_unknown and not has_known_unit(report, told, sheet, meant, table.path):
         return _plan(report, sources, columns, None, len(table))
-    taken = settled(report, sources.robots, sheet, meant, table.path, placement_columns(table, meant, other))
-    q = taken.joints.of(q)
+    taken = settled(report, told, sheet, meant, table.path, placement_columns(table, meant, other))
     columns[table.path] = (table, taken.applied(columns[table.path][1], units))
     robot_file = taken.robot
+    commanded = commanded[:, list(taken.joints.order)]
+    q = robot_file.robot.joints_of(commanded)
     if other is not None and seen is not None and "target" in of_points.columns:
         robot, kept = with_targets(report, robot_file.robot, other, of_points, row_of, q, seen, setups)
         robot_file = replace(robot_file, robot=robot)
@@ -402,7 +407,7 @@ def _with_numbers(
             return _plan(report, sources, columns, None, len(table), robot_file)
     if by_plugin is not None:
         measured = np.isin(ids, by_plugin.names)
-    poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
+    poses_csv = poses_text(report, table, columns[table.path][1], ids, commanded, sources.scans, measured)
     of_lengths = None
     if length_column(of_points) is not None:
         of_lengths = lengths_text(report, other or table, of_points, [(i, ids[row]) for i, row in enumerate(row_of)])
@@ -460,7 +465,7 @@ def _with_units(meant: Recognised, names: list[str], units: list[str], how: str)
         column = columns[name]
         if not column.unit:
             why = f"{column.why}; {unit}: {how}" if how else column.why
-            columns[name] = Column(column.name, name, unit, column.sign, column.offset, why)
+            columns[name] = replace(column, unit=unit, why=why)
     return Recognised(columns, meant.rest, meant.faults)
 
 
@@ -497,6 +502,6 @@ def _planned(table: UserTable, meant: Recognised, mapping: Mapping[str, Meaning]
             ignored = name in mapping and mapping[name].name == "ignore"
             out.append(PlannedColumn(table.path, name, examples, None, "left out, as told" if ignored else ""))
             continue
-        meaning = Meaning(column.meaning, column.unit, column.sign, column.offset)
+        meaning = Meaning(column.meaning, column.unit, column.sign, column.offset, column.others)
         out.append(PlannedColumn(table.path, name, examples, meaning, column.why))
     return out

@@ -18,6 +18,7 @@ from calib.dataset_import.columns import (
     Meaning,
     Recognised,
     length_column,
+    numbered_joints,
     point_groups,
     recognise,
 )
@@ -33,6 +34,8 @@ _MOST_FAULTS = 20
 _MOST_PLACES = 8  # that a fault lists
 _MOST = 1e9  # degrees, micrometres
 _MOST_DEG = 400.0  # of a joint
+_FOLLOWS, _STANDS = 1e-3, 0.1  # of its range, by which a column may miss a sum of others; of the file's unit
+_WHOLE = 0.01  # by which the shares of such a sum may miss whole numbers
 _RECORDED = 300  # rows, from which a table may be a recording
 _SMALL_STEP = 0.05  # of the whole motion, between two rows of a recording
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
@@ -105,6 +108,13 @@ def recognised(
     if table.has_header and unnamed == "column 1":
         cells = table.text(unnamed)
         by_place = {unnamed: "pose"} if all(cells) and len(set(cells)) == len(cells) else None
+    moving = moving_joints(table, robot) if joints and robot is not None and not mapping else []
+    if moving and robot is not None:
+        by_place = {name: f"q{k + 1}" for k, name in enumerate(moving)}
+        report.notes.append(
+            f"{table.path}: the {robot.n_joints} joints are {', '.join(moving)}: the other columns of joints stand "
+            "still or follow these in all rows"
+        )
     found = recognise(table.columns, robot, mapping, by_place)
     for words in found.faults:
         report.fault(f"{table.path}: line 1: {words}")
@@ -138,6 +148,24 @@ def recognised(
                 "--map column=x"
             )
     return found
+
+
+def moving_joints(table: UserTable, robot: Robot) -> list[str]:
+    """Columns of a robot's joints among more numbered ones that stand still or are sums of others; [] if unclear."""
+    numbered = numbered_joints(table.columns)
+    if len(numbered) <= robot.n_joints:
+        return []
+    kept: list[str] = []
+    known = [np.ones(len(table))]
+    for name in numbered:
+        values = np.array([as_number(cell) or 0.0 for cell in table.text(name)])
+        shares, *_ = np.linalg.lstsq(np.column_stack(known), values, rcond=None)
+        off = np.abs(values - np.column_stack(known) @ shares).max(initial=0.0)
+        is_whole = np.abs(shares[1:] - np.round(shares[1:])).max(initial=0.0) < _WHOLE
+        if off > _FOLLOWS * max(float(np.ptp(values)), _STANDS) or not is_whole:
+            kept.append(name)
+            known.append(values)
+    return kept if len(kept) == robot.n_joints else []
 
 
 def _several(table: UserTable) -> str:

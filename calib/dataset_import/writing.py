@@ -62,13 +62,13 @@ def poses_text(
     table: UserTable,
     meant: Recognised,
     ids: list[str],
-    q: Array,
+    commanded: Array,
     scans: Mapping[str, Path],
     measured: BoolArray | None,
 ) -> str:
-    """Text of poses.csv, with joint values in rad and mm.
+    """Text of poses.csv, with commanded values in rad and mm.
 
-    q  # (N, n) rad, mm; scans  # files by stem; measured  # (N,) poses that have a point; None: scans only
+    commanded  # (N, n) rad, mm; scans  # files by stem; measured  # (N,) poses that have a point; None: scans only
     """
     assert report.robot is not None
     given = table.text(meant.columns["role"].name) if "role" in meant.columns else None
@@ -90,7 +90,8 @@ def poses_text(
         report.notes.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
     columns = [_condition(report, table, meant, m) for m in kept] + [table.text(name) for name in rest]
     body = [
-        [ids[i], roles[i], *map(repr, map(float, q[i])), *(column[i] for column in columns)] for i in range(len(ids))
+        [ids[i], roles[i], *map(repr, map(float, commanded[i])), *(column[i] for column in columns)]
+        for i in range(len(ids))
     ]
     header = ["pose", "role", *names, *kept, *rest]
     if scans and "scan" not in kept:

@@ -75,6 +75,7 @@ class Joint(Link):
     com_mm: Vector | None = None
     gear_ratio: float | None = None
     mesh: str | None = None
+    zero: float = 0.0  # rad or mm, where all commanded values are 0
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -166,7 +167,8 @@ class Robot(Brief):
     gravity_m_s2: Vector = (0.0, 0.0, -9.81)
     targets: tuple[Target, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
-    coupling: tuple[tuple[float, ...], ...] = ()  # (n, n) joint values by commanded ones; (): they are the same
+    coupling: tuple[tuple[float, ...], ...] = ()
+    """(n, n) joint values by commanded ones, which are those of the user's files; (): one each. mm per rad, mm or 1."""
     base: FixedFrame = field(default_factory=FixedFrame)
     """Frame that the first row starts from, in the base frame."""
     flange: FixedFrame = field(default_factory=FixedFrame)
@@ -228,14 +230,28 @@ class Robot(Brief):
         return next(target for target in self.targets if target.name == name)
 
     def joints_of(self, commanded: ArrayLike) -> Array:
-        """Joint values (..., n) for commanded values (..., n), in the same units: coupling @ commanded."""
+        """Joint values (..., n), rad and mm, for commanded values (..., n): coupling @ commanded + zeros."""
         commanded = np.asarray(commanded, dtype=float)
-        return commanded @ np.array(self.coupling).T if self.coupling else commanded
+        return (commanded @ np.array(self.coupling).T if self.coupling else commanded) + self.zeros
 
     def commands_of(self, q: ArrayLike) -> Array:
-        """Commanded values (..., n) that give joint values (..., n): the inverse of `joints_of`."""
-        q = np.asarray(q, dtype=float)
+        """Commanded values (..., n), rad and mm, that give joint values (..., n): the inverse of `joints_of`."""
+        q = np.asarray(q, dtype=float) - self.zeros
         return q @ np.linalg.inv(np.array(self.coupling)).T if self.coupling else q
+
+    @property
+    def zeros(self) -> Array:
+        """Joint values (n,), rad and mm, where all commanded values are 0."""
+        return np.array([joint.zero for joint in self.joints])
+
+    def with_commands(self, coupling: ArrayLike, zeros: ArrayLike) -> Robot:
+        """Robot whose joint values are coupling @ commanded + zeros, in place of what they are now."""
+        plain = np.array_equal(coupling, np.eye(self.n_joints))
+        rows = () if plain else tuple(tuple(map(float, row)) for row in np.asarray(coupling))
+        joints = tuple(
+            replace(joint, zero=float(zero)) for joint, zero in zip(self.joints, np.asarray(zeros), strict=True)
+        )
+        return replace(self, joints=joints, coupling=rows)
 
     @property
     def table(self) -> Array:

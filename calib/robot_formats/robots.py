@@ -9,6 +9,7 @@ import numpy as np
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError
+from calib.kinematics.commanded import commands_in_words
 from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import FixedFrame, Robot
 from calib.options import BUILTIN_ROBOTS
@@ -123,12 +124,18 @@ def urdf_content(robot: Robot) -> RobotContent:
 def yaml_content(robot: Robot) -> RobotContent:
     """The bytes of a kinematics YAML, with a note on its frames. Raises RobotFileError."""
     note = "note: a maker's description has other frames; give its own file as --template"
-    return plain_yaml(chain_of(robot)).encode(), (note,)
+    return plain_yaml(chain_of(robot)).encode(), (note, *_own_joints(robot))
+
+
+def _own_joints(robot: Robot) -> tuple[str, ...]:
+    """Note on a convention of the user's joints, which only robot.toml holds."""
+    told = commands_in_words(robot)
+    return (f"note: its joints are the arm's own, and not those of your tables: {', '.join(told)}",) if told else ()
 
 
 def not_in_model(robot: Robot) -> tuple[str, ...]:
     """Notes on properties of a robot that no description of links and joints holds."""
-    notes = []
+    notes = [*_own_joints(robot)]
     if any(target is not robot.own_tool_point for target in robot.targets):
         notes.append("note: further targets are left out")
     if any(joint.mass_kg for joint in robot.joints):

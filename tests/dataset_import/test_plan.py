@@ -15,10 +15,13 @@ from calib.dataset_import.columns import Meaning, meaning_of
 from calib.dataset_import.import_dataset import write_plan
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.errors import DatasetError
+from calib.kinematics.commanded import commands_in_words
 from calib.kinematics.robot import Robot
 from calib.robot_formats.conventions import RobotReading, robot_readings
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
+from calib.robot_formats.robots import robot_content
 from calib.simulation.simulate import simulate_dataset
+from tests.support.commands import answered
 from tests.support.sweeps import sweep
 
 ROBOT = builtin_robot("rb5")
@@ -49,6 +52,8 @@ def planned(path: Path, q: np.ndarray, points: np.ndarray, mapping: dict[str, Me
 
 
 EYE, TURNED = np.eye(6), np.diag([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
+FROM_LEVEL, WRIST = np.eye(6), np.eye(6)
+FROM_LEVEL[2, 1], WRIST[4, 3] = -1.0, 1.0
 READINGS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], dict[str, str]]] = {
     "as it is": (lambda q: q, {}),
     "a sign": (lambda q: q @ TURNED, {"A3": "-q3_rad"}),
@@ -61,12 +66,14 @@ READINGS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], dict[str, str]]] =
         lambda q: q[:, [2, 1, 0, 3, 4, 5]],
         {"A1": "q3_rad", "A3": "q1_rad"},
     ),
+    "a sum of neighbours, as pendants have it": (lambda q: q @ FROM_LEVEL.T, {"A3": "q3_rad-q2"}),
+    "a coupled wrist": (lambda q: q @ WRIST.T, {"A5": "q5_rad+q4"}),
     "backwards": (lambda q: q[:, ::-1], {f"A{k}": f"q{7 - k}_rad" for k in range(1, 7)}),
 }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sweep(READINGS, every_run=["as it is", "a sign and a zero", "backwards"]))
+@pytest.mark.parametrize("name", sweep(READINGS, every_run=["as it is", "a coupled wrist", "backwards"]))
 def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
     truth: Dataset, tmp_path: Path, name: str
 ) -> None:
@@ -92,6 +99,46 @@ def test_what_the_user_told_is_not_overruled_but_doubted(truth: Dataset, tmp_pat
     assert len(plan.doubts) == 1
     assert "joint 3 turns the other way than robot.toml says: with A3 negated the error falls from" in plan.doubts[0]
     assert write_plan(plan, tmp_path / "cell").dataset.poses.q == pytest.approx(q, abs=1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["five poses", "a third of bad rows"])
+def test_a_convention_is_found_with_few_poses_and_among_bad_rows(truth: Dataset, tmp_path: Path, case: str) -> None:
+    rows = np.arange(5 if case == "five poses" else 40)
+    points = points_of(truth).copy()
+    if case != "five poses":
+        points[::3] += np.random.default_rng(2).normal(0.0, 150.0, (14, 3))
+    plan = planned(tmp_path, (truth.poses.q @ FROM_LEVEL.T)[rows], points[rows])
+    said = [note for note in plan.notes if "A3 of the table is J3 - J2 of the robot, and is read so" in note]
+    assert len(said) == 1
+    assert plan.preview is not None
+    assert plan.preview.poses.q == pytest.approx(truth.poses.q[rows], abs=1e-7)
+
+
+@pytest.mark.slow
+def test_bad_rows_alone_are_no_convention(truth: Dataset, tmp_path: Path) -> None:
+    points = points_of(truth).copy()
+    points[::3] += np.random.default_rng(2).normal(0.0, 150.0, (14, 3))
+    plan = planned(tmp_path, truth.poses.q, points)
+    assert not [line for line in (*plan.notes, *plan.doubts) if "read so" in line or "of the table" in line]
+
+
+def test_a_told_sum_is_kept_in_robot_toml_and_on_the_way_out(truth: Dataset, tmp_path: Path) -> None:
+    q = np.degrees(truth.poses.q @ FROM_LEVEL.T)
+    told = {"A2": meaning_of("-q2_deg+90"), "A3": meaning_of("q3_deg-q2")}
+    q[:, 1] = 90.0 - q[:, 1]
+    plan = planned(tmp_path, q, points_of(truth), {name: meant for name, meant in told.items() if meant is not None})
+    made = write_plan(plan, tmp_path / "cell").dataset
+    assert made.poses.q == pytest.approx(truth.poses.q, abs=1e-7)
+    assert commands_in_words(made.robot) == (
+        "J2 of the table is -J2 + 90 deg of the robot",
+        "J3 of the table is J3 - J2 of the robot",
+    )
+    targets = table(tmp_path / "targets.csv", [f"q{k}_deg" for k in range(1, 7)], q[:3])
+    document = answered("correct", made.folder, "--joints", targets, "--out", tmp_path / "out.csv")
+    assert np.abs(np.degrees([each["q"] for each in document["targets"]]) - q[:3]).max() < 1.0
+    urdf = robot_content(made.robot, tmp_path / "arm.urdf")
+    assert "J3 of the table is J3 - J2 of the robot" in urdf[1][0]
 
 
 def test_a_mapping_turns_and_moves_a_joint(truth: Dataset, tmp_path: Path) -> None:
@@ -191,7 +238,7 @@ def test_the_points_tell_the_convention_of_a_table(tmp_path: Path, convention: s
     assert plan.faults == ()
     assert plan.robot.robot == true
     assert any(f"its table is {convention} Denavit-Hartenberg" in line for line in plan.notes)
-    few = table(tmp_path / "few.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(true, q)])[:8])
+    few = table(tmp_path / "few.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(true, q)])[:4])
     (fault,) = plan_import(ImportSources(readings, few)).faults
     assert "give --convention" in fault
 

@@ -81,8 +81,9 @@ def load_poses(
     if len(references) != 1:
         where = ", ".join(f"line {file.line(row)}" for row in references) or "none"
         raise DatasetError(f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one")
-    q_file = robot.joints_of(load_joints(file, q_columns))  # coupled joints have one unit
-    warnings = [*_angle_warnings(file, q_file, q_columns, robot)]
+    commanded = load_joints(file, q_columns)
+    q = robot.joints_of(internal(commanded, q_columns))
+    warnings = [*_angle_warnings(file, commanded, q, q_columns, robot)]
     conditions = load_conditions(file, robot)
     for column in filter(is_signal, file.cells):
         limit = limit_of(column) or 0.0
@@ -91,7 +92,7 @@ def load_poses(
     poses = Poses(
         ids=tuple(ids),
         role=np.array(role),
-        q=internal(q_file, q_columns),
+        q=q,
         setup=np.array(names(file, "setup", allow_empty=True) if "setup" in file else [""] * len(ids)),
         scan_names=tuple(names(file, "scan") if "scan" in file else [f"{pose_id}.ply" for pose_id in ids]),
         extra=file.rest(known),
@@ -136,8 +137,8 @@ def in_unit_of(column: str, value: float) -> float:
     return value / 1000.0 if column.endswith("_m") else value
 
 
-def _angle_warnings(file: TableFile, q_file: Array, columns: list[str], robot: Robot) -> list[str]:
-    """Warnings on angles that look like another unit and on angles beyond the joints' limits."""
+def _angle_warnings(file: TableFile, q_file: Array, q: Array, columns: list[str], robot: Robot) -> list[str]:
+    """Warnings on angles that look like another unit and on joint values q (N, n) beyond the joints' limits."""
     turning = robot.is_revolute
     warnings = []
     if turning.any():
@@ -155,17 +156,13 @@ def _angle_warnings(file: TableFile, q_file: Array, columns: list[str], robot: R
                 "these look like radians, not degrees"
             )
     for i, joint in enumerate(robot.joints):
-        low, high = (None if v is None else in_unit_of(columns[i], v) for v in (joint.min, joint.max))
-        beyond = np.zeros(len(q_file), dtype=bool)
-        if low is not None:
-            beyond |= q_file[:, i] < low - 1e-9
-        if high is not None:
-            beyond |= q_file[:, i] > high + 1e-9
+        low, high = (bound if v is None else v for v, bound in ((joint.min, -np.inf), (joint.max, np.inf)))
+        beyond = (q[:, i] < low - 1e-9) | (q[:, i] > high + 1e-9)
         if beyond.any():
             row = int(np.flatnonzero(beyond)[0])
             warnings.append(
                 f"{file.path}: {int(beyond.sum())} poses lie beyond the limits of {joint.name}, the first in line "
-                f"{file.line(row)} ({q_file[row, i]:g})"
+                f"{file.line(row)} ({in_unit_of(columns[i], float(q[row, i])):g})"
             )
     return warnings
 

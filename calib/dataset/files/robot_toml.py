@@ -87,20 +87,24 @@ def _coupling(top: TomlTable, joints: tuple[Joint, ...]) -> tuple[tuple[float, .
     coupling = top.square_matrix("coupling", len(joints))
     if not coupling:
         return ()
-    for number, (row, joint) in enumerate(zip(coupling, joints, strict=True), 1):
-        if any(entry and other.type != joint.type for entry, other in zip(row, joints, strict=True)):
-            raise top.error(
-                "coupling",
-                f"row {number} couples joints of different types",
-                "couple revolute joints with revolute ones and prismatic with prismatic",
-            )
     if np.linalg.cond(np.array(coupling)) > _MOST_CONDITION:
         raise top.error(
             "coupling",
             f"found {[list(row) for row in coupling]}, which has no inverse",
             "row i says how joint i follows from what is commanded, such as [0, 1, 1] for q3 = q2 + q3'",
         )
-    return coupling
+    return _scaled_coupling(coupling, joints, math.degrees(1.0))
+
+
+def _scaled_coupling(
+    coupling: tuple[tuple[float, ...], ...], joints: tuple[Joint, ...], per_turning: float
+) -> tuple[tuple[float, ...], ...]:
+    """Coupling with its entries of a slide by an angle multiplied by a number, those of an angle by a slide divided.
+
+    In the file a screw is in mm per degree.
+    """
+    scale = np.where([joint.is_revolute for joint in joints], per_turning, 1.0)
+    return tuple(map(tuple, (np.array(coupling) * scale / scale[:, None]).tolist()))
 
 
 def _refuse_metres(robot: Robot, path: Path) -> None:
@@ -141,6 +145,7 @@ def _joint(table: TomlTable, number: int) -> Joint:
         mass_kg=mass_kg,
         com_mm=table.vector("com_mm"),
         gear_ratio=table.number("gear_ratio", positive=True),
+        zero=(table.number(f"zero_{unit}") or 0.0) * scale,
         mesh=table.text("mesh"),
         extra=table.unread(),
     )
@@ -191,7 +196,8 @@ def robot_to_toml(robot: Robot) -> str:
     if robot.is_cartesian:
         document["cartesian"] = True
     if robot.coupling:
-        document["coupling"] = [list(row) for row in robot.coupling]
+        coupling = _scaled_coupling(robot.coupling, robot.joints, math.radians(1.0))
+        document["coupling"] = [list(row) for row in coupling]
     for name, frame in (("base", robot.base), ("flange", robot.flange)):
         if frame != FixedFrame():
             rpy_deg = [degrees(angle_rad) for angle_rad in frame.rpy_rad]
@@ -239,6 +245,7 @@ def _joint_document(joint: Joint) -> dict[str, Any]:
         "mass_kg": joint.mass_kg,
         "com_mm": joint.com_mm,
         "gear_ratio": joint.gear_ratio,
+        f"zero_{unit}": limit(joint.zero or None),
         "mesh": joint.mesh,
     }
     return _present(document) | dict(joint.extra)
@@ -285,7 +292,7 @@ def _link_sizes(place: str, link: Joint | Tool) -> Iterator[tuple[str, str, floa
             continue
         if name.endswith("_rad"):
             yield place, f"{name.removesuffix('_rad')}_deg", math.degrees(value)
-        elif name in ("min", "max"):
+        elif name in ("min", "max", "zero"):
             turns = isinstance(link, Joint) and link.is_revolute
             yield place, f"{name}_{'deg' if turns else 'mm'}", math.degrees(value) if turns else value
         elif name.endswith(("_mm", "_kg", "_ratio")):

@@ -146,7 +146,7 @@ def _told(mapping: Mapping[str, Meaning], columns: Sequence[Column]) -> dict[str
     out = {key: m for key, m in mapping.items() if key not in of_joints and not m.name.startswith(used)}
     for k, column in enumerate(columns):
         if column.why == AS_MAPPED:
-            out[_name(column)] = Meaning(f"q{k + 1}", column.unit, column.sign, column.offset)
+            out[_name(column)] = Meaning(f"q{k + 1}", column.unit, column.sign, column.offset, column.others)
     return out
 
 

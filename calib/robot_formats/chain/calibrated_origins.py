@@ -163,8 +163,6 @@ def _last_motion(axis_T_tip: Array, nominal: Array) -> tuple[float, float]:
 
 def _require_same_joints(chain: SerialChain, robot: Robot) -> None:
     kinds = [joint.is_revolute for joint in chain.joints]
-    if robot.coupling != chain.coupling:
-        raise RobotFileError(f"robot {robot.name}: its joints are coupled, which {chain.name} does not say")
     if kinds != robot.is_revolute.tolist():
         raise RobotFileError(
             f"{chain.name}: has {len(kinds)} joints up to {chain.tip or 'its tip'}, robot.toml has {robot.n_joints}, "

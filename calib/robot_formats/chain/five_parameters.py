@@ -23,7 +23,7 @@ from calib.kinematics.chain import nominal_chain
 from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import FixedFrame, Joint, Robot, Tool
 from calib.kinematics.tool_point import tip_T_last
-from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
+from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain, axis_frame
 
 _STEEP = np.sqrt(0.5)  # sine of the angle above which two axes are joined at their common normal
 _NOTHING_MM = 1e-11
@@ -72,10 +72,8 @@ def _flange(last_T_flange: Array) -> FixedFrame:
 def chain_of(robot: Robot) -> SerialChain:
     """Chain of a robot, with joints about z: origins Rz(theta_1), then Trans(a, 0, d) Rx Ry Rz(theta_next).
 
-    Raises RobotFileError for coupled joints.
+    Its joints are the arm's own, whatever is commanded (`Robot.coupling`).
     """
-    if robot.coupling:
-        raise RobotFileError(f"robot {robot.name}: its joints are coupled, which a chain of joints cannot say")
     joints, before = [], robot.base_T_first
     for k, joint in enumerate(robot.joints):
         turned = row_transform((0.0, 0.0, 0.0, joint.theta_rad, 0.0))

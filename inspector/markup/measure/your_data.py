@@ -64,6 +64,7 @@ def meaning_words(meaning: Meaning | None) -> str:
     words += [meaning.unit] if meaning.unit else []
     words += [OTHER_WAY] if meaning.sign < 0 else []
     words += [f"{meaning.offset:+g}"] if meaning.offset else []
+    words += [f"{'less' if sign < 0 else 'and'} joint {name[1:]}" for name, sign in meaning.others]
     return ", ".join(words)
 
 
