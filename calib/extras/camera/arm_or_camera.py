@@ -117,13 +117,13 @@ def _seen(views: CameraViews, calibration: Calibration, points: Points) -> list[
     """View of each fitted point, with the board's pose; None where one has no corners, or is a mean of several."""
     if points.orientations is None or not points.orientations.known.all():
         return None
-    numbers, found = np.array(views.lens.numbers), []
+    found = []
     starts = frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
     for pose, start in zip(points.pose, starts, strict=True):
         view = views.of(calibration.fitted_dataset.poses.ids[pose])
         if view is None:
             return None
-        found.append(pose_of_view(numbers, view, start))
+        found.append(pose_of_view(views.lens, view, start))
     return found
 
 
@@ -222,7 +222,7 @@ def _lens_scales(views: CameraViews) -> Array:
 
 def _lens_by_images(views: CameraViews, seen: list[ViewPose], free: list[int], scales: Array) -> tuple[Array, Array]:
     """What the corners tell of the lens whatever the arm does: data (K,) and columns (K, K), in units of `scales`."""
-    information, right = lens_equations(np.array(views.lens.numbers), seen, free)
+    information, right = lens_equations(seen, free)
     weight = scales / views.sigma_px
     right = right * weight / views.sigma_px
     size, ways = np.linalg.eigh(information * np.outer(weight, weight))

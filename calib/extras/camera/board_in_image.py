@@ -58,7 +58,7 @@ class BoardInImage:
         at = self.camera_T_board(base_T_flange)
         seen_mm = np.einsum("nij,kj->nki", at[:, :3, :3], self.outline_mm) + at[:, None, :3, 3]
         before = np.all(seen_mm[:, :, 2] > 1.0, axis=1)
-        pixels = project(np.array(self.lens.numbers), np.where(before[:, None, None], seen_mm, [0.0, 0.0, 1.0]))
+        pixels = project(self.lens, np.where(before[:, None, None], seen_mm, [0.0, 0.0, 1.0]))
         size, margin = np.array(self.lens.size_px), _MARGIN * self.lens.width_px
         inside = np.all((pixels > margin) & (pixels < size - margin), axis=(1, 2))
         # A polynomial of distortion may bring what lies far beside the image back into it.

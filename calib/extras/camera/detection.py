@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
@@ -19,13 +18,13 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.errors import CalibError
 from calib.extras.camera.board import Board, board_of
-from calib.extras.camera.lens import LENS_NAMES, Lens, project
+from calib.extras.camera.lens import FREE_NAMES, Lens, opencv, project
 from calib.extras.camera.marker_corners import refined_corners
 from calib.extras.camera.observed import IMAGE_SUFFIXES
-from calib.extras.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
+from calib.extras.camera.view import View, ViewPose, found_lens, noise_px, pose_of_view
 from calib.progress import OnProgress
 from calib.rendering import numbers
-from calib.statistics import rms_length
+from calib.statistics import mad_sigma, rms_length
 
 _OF_MARKER = 4  # corners of a single marker
 _FEWEST = 6  # corners of a view of a board
@@ -47,19 +46,8 @@ _LENS_ROUNDS = 2  # in which edges are freed of the distortion of a lens that is
 _ROUNDS = 3  # in which bad corners are left out
 _FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with it
 _FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
-_MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
+_SAME_RAD = 1e-3  # turns by less are one
 _TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
-
-
-def opencv() -> ModuleType:
-    """OpenCV. Raises CalibError where the extra is not installed."""
-    try:
-        import cv2
-    except ImportError:
-        raise CalibError(
-            "images need OpenCV, which is not installed: pip install 'robot-calibration-inspector[camera]'"
-        ) from None
-    return cv2
 
 
 @dataclass(frozen=True)
@@ -489,24 +477,30 @@ class MeasuredViews:
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
-    cv2 = opencv()
     if given is not None and given.size_px != detected.size_px:
         raise _wrong_resolution(given, detected.size_px)
+    if given is None and (len(detected.views) < _FEWEST_VIEWS or detected.board.is_single):
+        why = "of a single marker" if detected.board.is_single else f"{len(detected.views)} images show the board"
+        raise CalibError(
+            f"the lens cannot be found from the images ({why}; {_FEWEST_VIEWS} images of a board are needed); give it "
+            "by --intrinsics FILE, such as ROS's camera_info.yaml"
+        )
     views, left_out = detected.views, {}
     whole = {view.pose: view for view in views}
-    lens, sigma_px, both = _lens_and_poses(cv2, detected, given, None)
-    for _ in range(_ROUNDS):
-        kept, hopeless = _without_bad_corners(lens, [best for best, _ in both], whole)
-        if not kept or [len(view.corner) for view in views] == [len(view.corner) for view in kept]:
+    for last in (*[False] * _ROUNDS, True):
+        lens = given or found_lens(views, detected.size_px)
+        both = [_best_poses(lens, view) for view in views]
+        kept, hopeless = _without_bad_corners(lens, [one[0] for one in both], whole)
+        if last or not kept or [len(view.corner) for view in views] == [len(view.corner) for view in kept]:
             break
         views = tuple(kept)
         left_out.update(dict.fromkeys(hopeless, "its corners do not lie as on the board: is something in front of it?"))
-        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given, lens)
+    sigma_px = noise_px([one[0] for one in both], len(FREE_NAMES) if given is None else 0)
     seen = sum(len(view.corner) for view in detected.views if view.pose not in left_out)
     bad_corners = seen - sum(len(view.corner) for view in views)
     poses = []
-    for best, rival in both:
-        if rival is not None and rival.squares - best.squares < _TWO_WAYS * sigma_px**2:
+    for best, *rivals in both:
+        if any(rival.squares - best.squares < _TWO_WAYS * sigma_px**2 for rival in rivals):
             left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
         else:
             poses.append(best)
@@ -523,19 +517,6 @@ def _wrong_resolution(given: Lens, size_px: tuple[int, int]) -> CalibError:
     )
 
 
-def _lens_and_poses(
-    cv2: Any, detected: Detected, given: Lens | None, start: Lens | None
-) -> tuple[Lens, float, list[tuple[ViewPose, ViewPose | None]]]:
-    """Lens, pixel noise, and the best and second pose of each view."""
-    if given is not None:
-        both = [_best_pose(cv2, given, view) for view in detected.views]
-        return given, noise_px([best for best, _ in both]), both
-    start = start or _first_lens(cv2, detected)
-    poses = [_best_pose(cv2, start, view)[0] for view in detected.views]
-    found: FoundLens = found_lens(start, poses)
-    return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
-
-
 def _without_bad_corners(
     lens: Lens, poses: Sequence[ViewPose], whole: Mapping[str, View]
 ) -> tuple[list[View], list[str]]:
@@ -544,9 +525,7 @@ def _without_bad_corners(
     The farthest go first, as they pull the pose from the others; of the whole view those that fit the pose then come
     back. Also the poses whose image has too few that do. A single marker keeps its four: none of them can be spared.
     """
-    usual = float(np.median(np.abs(np.concatenate([one.error_px.ravel() for one in poses])))) / _MEDIAN_OF_NORMAL
-    most_px = _FAR_OFF * max(usual, 1e-6)
-    numbers = np.array(lens.numbers)
+    most_px = _FAR_OFF * max(mad_sigma(np.concatenate([one.error_px.ravel() for one in poses])), 1e-6)
     kept, hopeless = [], []
     for one in poses:
         view, fewest = one.view, max(_FEWEST, len(one.view.corner) // 2)
@@ -558,54 +537,23 @@ def _without_bad_corners(
             if good.sum() < fewest:
                 hopeless.append(view.pose)
                 break
-            view = View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good])
-            one = pose_of_view(numbers, view, one.camera_T_board)
+            one = pose_of_view(lens, one.view.select(good), one.camera_T_board)
         else:
             view, pose = whole[view.pose], one.camera_T_board
-            off_px = view.pixels - project(numbers, view.board_mm @ pose[:3, :3].T + pose[:3, 3])
-            good = np.linalg.norm(off_px, axis=1) <= most_px
-            kept.append(View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good]))
+            off_px = view.pixels - project(lens, view.board_mm @ pose[:3, :3].T + pose[:3, 3])
+            kept.append(view.select(np.linalg.norm(off_px, axis=1) <= most_px))
     return kept, hopeless
 
 
-def _first_lens(cv2: Any, detected: Detected) -> Lens:
-    """First guess of the lens by OpenCV's calibrateCamera. Raises CalibError."""
-    views = detected.views
-    if len(views) < _FEWEST_VIEWS or detected.board.is_single:
-        why = "of a single marker" if detected.board.is_single else f"{len(views)} images show the board"
-        raise CalibError(
-            f"the lens cannot be found from the images ({why}; {_FEWEST_VIEWS} images of a board are needed); give it "
-            "by --intrinsics FILE, such as ROS's camera_info.yaml"
-        )
-    board = [view.board_mm.astype(np.float32) for view in views]
-    seen = [view.pixels.astype(np.float32) for view in views]
-    try:
-        _, matrix, distortion, _, _ = cv2.calibrateCamera(board, seen, detected.size_px, None, None)
-    except cv2.error as error:
-        raise CalibError(f"OpenCV finds no lens from the images: {str(error).splitlines()[-1].strip()}") from None
-    numbers = np.zeros(len(LENS_NAMES))
-    numbers[:4] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-    numbers[4:9] = np.ravel(distortion)[:5]
-    return Lens(*detected.size_px, tuple(map(float, numbers)))
-
-
-def _best_pose(cv2: Any, lens: Lens, view: View) -> tuple[ViewPose, ViewPose | None]:
-    """Best pose of the board in a view, and the other of the two that a flat board has, None where it is the same."""
-    numbers = np.array(lens.numbers)
-    _, turns, shifts, _ = cv2.solvePnPGeneric(
-        view.board_mm, view.pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE
+def _best_poses(lens: Lens, view: View) -> list[ViewPose]:
+    """Best pose of the board in a view, and the other of the two that a flat board has where that is another."""
+    _, turns, shifts, _ = opencv().solvePnPGeneric(
+        view.board_mm, view.pixels, lens.matrix, lens.distortion, flags=opencv().SOLVEPNP_IPPE
     )
-    found = []
-    for turn, shift in zip(turns, shifts, strict=True):
-        start = frames.make_transform(frames.rotation_from_rotvec(np.ravel(turn)), np.ravel(shift))
-        if start[2, 3] > 0.0 and np.isfinite(project(numbers, view.board_mm @ start[:3, :3].T + start[:3, 3])).all():
-            found.append(pose_of_view(numbers, view, start))
+    starts = (frames.make_transform(frames.rotation_from_rotvec(turn.ravel()), shift.ravel())
+              for turn, shift in zip(turns, shifts, strict=True) if shift[2] > 0.0)  # fmt: skip
+    found = sorted((pose_of_view(lens, view, start) for start in starts), key=lambda one: one.squares)
     if not found:
         raise CalibError(f"image {view.pose}: its corners fit no pose of the board before the camera; check --board")
-    found.sort(key=lambda one: one.squares)
-    best = found[0]
-    for other in found[1:]:
-        turn = best.camera_T_board[:3, :3].T @ other.camera_T_board[:3, :3]
-        if np.linalg.norm(frames.rotvec_from_rotation(turn[None])[0]) > 1e-3:
-            return best, other
-    return best, None
+    turned = found[0].camera_T_board[:3, :3].T @ found[-1].camera_T_board[:3, :3]
+    return found if np.linalg.norm(frames.rotvec_from_rotation(turned)) > _SAME_RAD else found[:1]

@@ -12,11 +12,13 @@ in pixels, the middle of the first pixel being (0, 0).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
+from calib.errors import CalibError
 
 LENS_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 """Names of the lens's numbers, the first four in pixels, in OpenCV's order of distortion."""
@@ -59,34 +61,19 @@ class Lens(Brief):
         return f"{self.width_px} x {self.height_px} pixels, f {fx:.1f} {fy:.1f}, centre {cx:.1f} {cy:.1f}"
 
 
-def project(numbers: Array, camera_mm: Array) -> Array:
-    """Pixels (..., 2) at which points (..., 3) of the camera's frame are seen; numbers (12,) are the lens's."""
-    fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 = numbers
-    x = camera_mm[..., 0] / camera_mm[..., 2]
-    y = camera_mm[..., 1] / camera_mm[..., 2]
-    square = x * x + y * y
-    g = (1.0 + square * (k1 + square * (k2 + square * k3))) / (1.0 + square * (k4 + square * (k5 + square * k6)))
-    u = g * x + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x)
-    v = g * y + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
-    return np.stack([fx * u + cx, fy * v + cy], axis=-1)
+def opencv() -> ModuleType:
+    """OpenCV. Raises CalibError where the extra is not installed."""
+    try:
+        import cv2
+    except ImportError:
+        raise CalibError(
+            "images need OpenCV, which is not installed: pip install 'robot-calibration-inspector[camera]'"
+        ) from None
+    return cv2
 
 
-def by_point(numbers: Array, camera_mm: Array) -> Array:
-    """Derivative (..., 2, 3) of the pixels by the point, pixels per mm, by differences at 1e-6 of its distance."""
-    step = 1e-6 * np.linalg.norm(camera_mm, axis=-1)[..., None]
-    columns = [
-        (project(numbers, camera_mm + step * axis) - project(numbers, camera_mm - step * axis)) / (2.0 * step)
-        for axis in np.eye(3)
-    ]
-    return np.stack(columns, axis=-1)
-
-
-def by_lens(numbers: Array, camera_mm: Array) -> Array:
-    """Derivative (..., 2, 12) of the pixels by the lens's numbers, by differences."""
-    columns = []
-    for k, number in enumerate(numbers):
-        step = np.zeros(len(numbers))
-        step[k] = 1e-5 * max(abs(number), 1.0)
-        change = project(numbers + step, camera_mm) - project(numbers - step, camera_mm)
-        columns.append(change / (2.0 * step[k]))
-    return np.stack(columns, axis=-1)
+def project(lens: Lens, camera_mm: Array) -> Array:
+    """Pixels (..., 2) at which points (..., 3) of the camera's frame are seen."""
+    there = np.zeros(3)
+    seen = opencv().projectPoints(camera_mm.reshape(-1, 1, 3), there, there, lens.matrix, lens.distortion)[0]
+    return np.asarray(seen.reshape(*camera_mm.shape[:-1], 2))

@@ -41,7 +41,7 @@ def refined_corners(cv2: ModuleType, picture: Array, corners_px: Array, lens: Le
         if len(sides) < 4:
             return corners_px
         met = np.cross(sides, np.roll(sides, 1, axis=0))
-        found = project(np.array(lens.numbers), met / met[:, 2:])
+        found = project(lens, met / met[:, 2:])
     size_px = float(np.linalg.norm(corners_px[0] - corners_px[2])) / np.sqrt(2.0)
     return corners_px if not np.abs(found - corners_px).max() < _MOST_MOVED * size_px else found
 
@@ -66,7 +66,7 @@ def _edge(
     count = max(2 * _FEWEST, int(length))
     way = np.linspace(_FROM_CORNERS, 1.0 - _FROM_CORNERS, min(count, most or count))[:, None]
     ends = _sights(cv2, corners_px[:2], lens)
-    middle = project(np.array(lens.numbers), ends[0] + way * (ends[1] - ends[0]))  # of a line that the lens bends
+    middle = project(lens, ends[0] + way * (ends[1] - ends[0]))  # of a line that the lens bends
     along = np.gradient(middle, axis=0)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     outwards = np.column_stack([along[:, 1], -along[:, 0]])

@@ -62,8 +62,7 @@ def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
         view = camera.of(dataset.poses.ids[pose])
         if view is not None and np.isfinite(turn).all():
             seen.append((view, str(dataset.poses.role[pose]), view.board_mm @ turn.T + place_mm))
-    numbers = np.array(camera.lens.numbers)
-    return tuple(ReprojectedView(view, role, project(numbers, camera_mm)) for view, role, camera_mm in seen)
+    return tuple(ReprojectedView(view, role, project(camera.lens, camera_mm)) for view, role, camera_mm in seen)
 
 
 def full_pose_errors(calibration: Calibration) -> Array:

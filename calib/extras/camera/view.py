@@ -14,15 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
 from calib.errors import CalibError
-from calib.extras.camera.lens import FREE_NAMES, LENS_NAMES, Lens, by_lens, by_point, project
+from calib.extras.camera.lens import FREE_NAMES, LENS_NAMES, Lens, opencv
 from calib.statistics import covariance_root
 
-_STEPS = 60
-_SETTLED = 1e-10
-_ROUNDS = 40
+_SETTLED = (3, 200, 1e-14)  # of OpenCV's searches: at most so many rounds, and the relative change that ends them
 _LEAST_SHARE = 1e-13  # of a lens combination's information, below which the views do not determine it
 
 
@@ -35,6 +33,10 @@ class View(Brief):
     board_mm: Array  # (N, 3) in the board's frame, about the middle of the whole board
     pixels: Array  # (N, 2)
 
+    def select(self, rows: BoolArray | IndexArray) -> View:
+        """Some of its corners."""
+        return replace(self, corner=self.corner[rows], board_mm=self.board_mm[rows], pixels=self.pixels[rows])
+
     def _brief(self) -> str:
         return f"{self.pose}: {len(self.corner)} corners"
 
@@ -45,9 +47,19 @@ class ViewPose:
 
     view: View
     camera_T_board: Array  # (4, 4) mm
-    information: Array  # (6, 6) J'J of shift, mm, and turn, rad, per squared pixel of noise
-    by_lens: Array  # (6, 12) by which shift and turn move with the lens's numbers
     error_px: Array  # (N, 2) seen minus predicted
+    pixels_by_pose: Array  # (2 N, 6) derivative by shift, mm, and turn, rad, along and about the camera's axes
+    pixels_by_lens: Array  # (2 N, 12)
+
+    @property
+    def information(self) -> Array:
+        """J'J (6, 6) of shift and turn, per squared pixel of noise."""
+        return self.pixels_by_pose.T @ self.pixels_by_pose
+
+    @property
+    def by_lens(self) -> Array:
+        """By which shift and turn move with the lens's numbers, (6, 12)."""
+        return -np.linalg.solve(self.information, self.pixels_by_pose.T @ self.pixels_by_lens)
 
     @property
     def squares(self) -> float:
@@ -55,50 +67,17 @@ class ViewPose:
         return float(np.sum(self.error_px**2))
 
 
-def pose_columns(numbers: Array, camera_T_board: Array, board_mm: Array) -> tuple[Array, Array]:
-    """Predicted pixels (N, 2), and derivatives by the board's shift and turn (N, 2, 6)."""
-    about_mm = board_mm @ camera_T_board[:3, :3].T
-    camera_mm = about_mm + camera_T_board[:3, 3]
-    return project(numbers, camera_mm), by_point(numbers, camera_mm) @ frames.frame_motion(about_mm, np.zeros(3))
-
-
-def view_columns(numbers: Array, camera_T_board: Array, board_mm: Array) -> tuple[Array, Array, Array]:
-    """Predicted pixels (N, 2), and derivatives by the board's shift and turn (N, 2, 6) and by the lens (N, 2, 12)."""
-    predicted, pose = pose_columns(numbers, camera_T_board, board_mm)
-    return predicted, pose, by_lens(numbers, board_mm @ camera_T_board[:3, :3].T + camera_T_board[:3, 3])
-
-
-def moved(camera_T_board: Array, motion: Array) -> Array:
-    """Pose (4, 4) of a board that is shifted and turned about its own middle by a motion (6,), mm and rad."""
-    turn = frames.rotation_from_rotvec(motion[3:])
-    return frames.make_transform(turn @ camera_T_board[:3, :3], camera_T_board[:3, 3] + motion[:3])
-
-
-def pose_of_view(numbers: Array, view: View, start: Array) -> ViewPose:
-    """Pose of the board with the least squared pixel errors, by damped Gauss-Newton from a start (4, 4)."""
-    at, damping = start, 1e-6
-    predicted, columns = pose_columns(numbers, at, view.board_mm)
-    error = view.pixels - predicted
-    for _ in range(_STEPS):
-        flat = columns.reshape(-1, 6)
-        square = flat.T @ flat
-        scale = np.sqrt(np.diag(square))
-        shaped = square / np.outer(scale, scale) + damping * np.eye(6)
-        step = np.linalg.solve(shaped, flat.T @ error.ravel() / scale) / scale
-        trial = moved(at, step)
-        if np.all((view.board_mm @ trial[:3, :3].T + trial[:3, 3])[:, 2] > 0.0):
-            seen, changed = pose_columns(numbers, trial, view.board_mm)
-            if np.sum((view.pixels - seen) ** 2) <= np.sum(error**2) * (1.0 + 1e-12):
-                at, error, columns, damping = trial, view.pixels - seen, changed, damping * 0.1
-                if np.max(np.abs(step * scale)) < _SETTLED * (1.0 + float(np.linalg.norm(error))):
-                    break
-                continue
-        damping = max(damping, 1e-9) * 10.0
-        if damping > 1e6:
-            break
-    flat, lens = columns.reshape(-1, 6), view_columns(numbers, at, view.board_mm)[2].reshape(-1, len(numbers))
-    square = flat.T @ flat
-    return ViewPose(view, at, square, np.asarray(-np.linalg.solve(square, flat.T @ lens), np.float64), error)
+def pose_of_view(lens: Lens, view: View, start: Array) -> ViewPose:
+    """Pose of the board with the least squared pixel errors, from a start (4, 4)."""
+    cv2 = opencv()
+    camera = lens.matrix, lens.distortion
+    first = frames.rotvec_from_rotation(start[:3, :3]), start[:3, 3].copy()
+    turn, shift = cv2.solvePnPRefineLM(view.board_mm, view.pixels, *camera, *first, _SETTLED)
+    at = frames.make_transform(frames.rotation_from_rotvec(turn.ravel()), shift.ravel())
+    # Of the board as it is turned already: then OpenCV's derivative by a turn is that by a small one.
+    predicted, columns = cv2.projectPoints(view.board_mm @ at[:3, :3].T, np.zeros(3), shift, *camera)
+    error_px = view.pixels - predicted.reshape(-1, 2)
+    return ViewPose(view, at, error_px, columns[:, [3, 4, 5, 0, 1, 2]], columns[:, 6:])
 
 
 def noise_px(poses: Sequence[ViewPose], found: int = 0) -> float:
@@ -109,52 +88,47 @@ def noise_px(poses: Sequence[ViewPose], found: int = 0) -> float:
     return float(np.sqrt(sum(one.squares for one in poses) / left))
 
 
-@dataclass(frozen=True)
-class FoundLens:
-    """A lens found from views, with the board's pose in each."""
-
-    lens: Lens
-    poses: tuple[ViewPose, ...]
-    sigma_px: float
-
-
-def found_lens(start: Lens, poses: Sequence[ViewPose]) -> FoundLens:
-    """Lens and board poses with the least squared pixel errors of all views, and the lens's covariance.
+def found_lens(views: Sequence[View], size_px: tuple[int, int]) -> Lens:
+    """Lens, by OpenCV, with the least squared pixel errors of views of a board, and its covariance.
 
     Raises CalibError where the views do not determine the lens.
     """
+    cv2 = opencv()
+    corners = [
+        [part.astype(np.float32) for part in parts]
+        for parts in zip(*((v.board_mm, v.pixels) for v in views), strict=True)
+    ]
+    try:
+        found = cv2.calibrateCamera(*corners, size_px, None, None, criteria=_SETTLED)
+    except cv2.error as error:
+        raise CalibError(f"OpenCV finds no lens from the images: {str(error).splitlines()[-1].strip()}") from None
+    _, matrix, distortion, turns, shifts = found
     free = [LENS_NAMES.index(name) for name in FREE_NAMES]
-    numbers = np.array(start.numbers)
-    poses = list(poses)
-    for _ in range(_ROUNDS):
-        information, right = lens_equations(numbers, poses, free)
-        scale = np.sqrt(np.diag(information))
-        if not np.all(scale > 0.0):
-            raise CalibError("the images do not tell the lens; give it by --intrinsics")
-        shaped = information / np.outer(scale, scale)
-        if np.linalg.eigvalsh(shaped)[0] < _LEAST_SHARE:
-            raise CalibError(
-                f"the {len(poses)} images do not tell the lens: the board is seen from too few sides; tilt it or the "
-                "camera by 30 deg and more in several directions, or give --intrinsics"
-            )
-        step = np.linalg.solve(shaped, right / scale) / scale
-        numbers[free] += step
-        poses = [pose_of_view(numbers, one.view, one.camera_T_board) for one in poses]
-        if np.max(np.abs(step * scale)) < 1e-7 * (1.0 + np.sqrt(sum(one.squares for one in poses))):
-            break
-    sigma_px = noise_px(poses, len(free))
+    numbers = np.zeros(len(LENS_NAMES))
+    numbers[free] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *np.ravel(distortion)[:5]
+    lens = Lens(*size_px, tuple(map(float, numbers)))
+    starts = (
+        frames.make_transform(cv2.Rodrigues(turn)[0], shift.ravel()) for turn, shift in zip(turns, shifts, strict=True)
+    )
+    poses = [pose_of_view(lens, view, start) for view, start in zip(views, starts, strict=True)]
+    information = lens_equations(poses, free)[0]
+    scale = np.sqrt(np.diag(information))
+    shaped = information / np.outer(scale, scale)
+    if not np.linalg.eigvalsh(shaped)[0] > _LEAST_SHARE:
+        raise CalibError(
+            f"the {len(views)} images do not tell the lens: the board is seen from too few sides; tilt it or the "
+            "camera by 30 deg and more in several directions, or give --intrinsics"
+        )
     covariance = np.zeros((len(numbers), len(numbers)))
-    covariance[np.ix_(free, free)] = sigma_px**2 * np.linalg.inv(shaped) / np.outer(scale, scale)
-    lens = replace(start, numbers=tuple(map(float, numbers)), covariance=covariance)
-    return FoundLens(lens, tuple(poses), sigma_px)
+    covariance[np.ix_(free, free)] = noise_px(poses, len(free)) ** 2 * np.linalg.inv(shaped) / np.outer(scale, scale)
+    return replace(lens, covariance=covariance)
 
 
-def lens_equations(numbers: Array, poses: Sequence[ViewPose], free: Sequence[int]) -> tuple[Array, Array]:
+def lens_equations(poses: Sequence[ViewPose], free: Sequence[int]) -> tuple[Array, Array]:
     """Normal equations (K, K), (K,) of some of a lens's numbers, the poses of the views eliminated, squared pixels."""
     information, right = np.zeros((len(free), len(free))), np.zeros(len(free))
     for one in poses:
-        _, columns, by_numbers = view_columns(numbers, one.camera_T_board, one.view.board_mm)
-        flat, by_free = columns.reshape(-1, 6), by_numbers.reshape(-1, len(numbers))[:, list(free)]
+        flat, by_free = one.pixels_by_pose, one.pixels_by_lens[:, list(free)]
         apart = by_free - flat @ np.linalg.lstsq(flat, by_free, rcond=None)[0]
         information += apart.T @ apart
         right += apart.T @ one.error_px.ravel()

@@ -16,7 +16,6 @@ from calib.errors import CalibError
 from calib.extras.camera.board import board_of
 from calib.extras.camera.importing.intrinsics import load_lens
 from calib.extras.camera.importing.marker_poses import load_marker_poses
-from calib.extras.camera.lens import project
 from calib.extras.camera.observed import camera_of
 from calib.extras.camera.static_transform import StaticTransform, transform_text
 from tests.extras.camera.camera_dataset import simulated_dataset, true_lens
@@ -41,15 +40,6 @@ def _write_lens(path: Path, distortion: np.ndarray) -> Path:
     storage.write("distortion_coefficients", distortion)
     storage.release()
     return path
-
-
-def test_a_lens_projects_as_opencv_does():
-    rng = np.random.default_rng(0)
-    points = rng.uniform([-150, -100, 300], [150, 100, 600], (50, 3))
-    numbers = np.array([900.0, 905.0, 640.0, 480.0, -0.2, 0.1, 1e-3, -2e-3, 0.03, 0.05, 0.02, -0.01])
-    matrix = np.array([[900.0, 0, 640], [0, 905, 480], [0, 0, 1]])
-    seen = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, numbers[4:])[0].reshape(-1, 2)
-    assert np.abs(project(numbers, points) - seen).max() < 1e-9
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".yml", ".xml", ".json", "message.yaml"])
