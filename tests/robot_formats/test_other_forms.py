@@ -252,3 +252,9 @@ def test_a_byte_that_is_no_text_is_told_with_its_line(tmp_path: Path, name: str,
     (tmp_path / name).write_bytes(content)
     with pytest.raises(CalibError, match=r"line 3: .* save it as UTF-8"):
         read_robot(tmp_path / name)
+
+
+@pytest.mark.parametrize(("name", "says"), [("arm.sdf", "give the arm's URDF"), ("arm.srdf", "as --base and --tip")])
+def test_forms_that_are_not_read_say_what_to_give(name: str, says: str) -> None:
+    with pytest.raises(CalibError, match=says):
+        read_robot(Path(name))

@@ -7,9 +7,7 @@ process of its own with bounded memory and time (`mjcf_compiled`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +21,7 @@ _MOST_FILES = 500
 _REFUSED = {  # code, other models, or any number of parts and any size of memory
     "plugin", "extension", "replicate", "composite", "flexcomp", "size", "attach", "model",
 }  # fmt: skip
-_DIRECTORIES = ("meshdir", "assetdir", "texturedir")
+_NAMES = ("file", "meshdir", "assetdir", "texturedir")  # beginnings of attributes that name files: of textures, fileup
 
 
 def read_mjcf(path: Path, reading: ReadOptions) -> RobotFile:
@@ -31,62 +29,48 @@ def read_mjcf(path: Path, reading: ReadOptions) -> RobotFile:
 
     Raises RobotFileError in one line: MuJoCo is not installed or refuses the model, several tips, no serial arm.
     """
-    file = read_xml(path)
-    require_own_folder(file)
-    request = {"model": str(path.absolute()), "file": str(path), "tip": reading.tip, "base": reading.base}
+    require_own_folder(read_xml(path))
+    request = {"model": str(path.absolute()), "tip": reading.tip, "base": reading.base}
     try:
-        answer = ask("calib.extras.robot_forms.mjcf_compiled:answer", request, _LIMITS)
+        told = ask("calib.extras.robot_forms.mjcf_compiled:answer", request, _LIMITS)
     except ProcessFailed as error:
         raise RobotFileError(f"{path}: MuJoCo cannot read it: it {error}; give the arm alone, or its URDF") from None
-    if "error" in answer:
-        raise RobotFileError(answer["error"])
-    return of_chain(_chain_from_document(answer), path)
-
-
-def _chain_from_document(document: Mapping[str, Any]) -> SerialChain:
-    """Chain from the dict that `mjcf_compiled` returns."""
+    if "error" in told:
+        raise RobotFileError(f"{path}: {told['error']}")
     joints = tuple(
-        ChainJoint(**{**joint, "before_T_joint": np.array(joint["before_T_joint"]), "axis": tuple(joint["axis"])})
-        for joint in document["joints"]
+        ChainJoint(
+            **{**joint, "before_T_joint": np.array(joint["before_T_joint"])}
+            | {key: tuple(joint[key]) for key in ("axis", "com_mm")}
+        )
+        for joint in told["joints"]
     )
-    return SerialChain(**{**document, "joints": joints, "last_T_tip": np.array(document["last_T_tip"])})
+    chain = {**told, "joints": joints, "last_T_tip": np.array(told["last_T_tip"])}
+    return of_chain(SerialChain(path.stem, **chain | {"gravity_m_s2": tuple(told["gravity_m_s2"])}), path)
 
 
 def require_own_folder(file: XmlFile) -> None:
     """Raise RobotFileError where a model, or one that it includes, has refused parts or names a file elsewhere."""
     folder = file.path.absolute().parent
-    directories, named = {Path()}, list[tuple[XmlFile, Element, str]]()
     waiting, known = [file], {file.path.resolve()}
     while waiting:
         each = waiting.pop()
         for element in each.root.with_all_below():
             if element.tag in _REFUSED:
                 each.fail(element, f"found <{element.tag}>", "a serial arm needs none; leave it out")
-            given = element.attributes
-            directories |= {Path(given[key]) for key in _DIRECTORIES if key in given}
-            named += [(each, element, given[key]) for key in given if key.startswith("file")]  # of textures, fileup ...
+            for key, name in element.attributes.items():
+                inside = (folder / name).resolve().is_relative_to(folder.resolve()) and ".." not in Path(name).parts
+                if key.startswith(_NAMES) and not inside:
+                    each.fail(element, f"names {name[:60]!r}, which is not below its folder", "put it there")
             if element.tag == "include":
                 included = _included(each, element, folder)
                 if included in known or len(known) >= _MOST_FILES:
-                    each.fail(element, f"includes {given.get('file', '')[:60]!r} twice", "MuJoCo takes each file once")
+                    each.fail(element, f"includes {included.name[:60]!r} twice", "MuJoCo takes each file once")
                 known.add(included)
                 waiting.append(read_xml(included))
-    for each, element, name in named:
-        for directory in directories:
-            _inside(each, element, folder / directory / name, folder)
 
 
 def _included(file: XmlFile, element: Element, folder: Path) -> Path:
     """File of an <include>: relative to the model, as in MuJoCo, or to the file that includes it."""
     name = element.attributes.get("file", "")
-    paths = [_inside(file, element, place / name, folder) for place in (folder, file.path.absolute().parent)]
+    paths = [(place / name).resolve() for place in (folder, file.path.absolute().parent)]
     return next((path for path in paths if path.is_file()), paths[0])
-
-
-def _inside(file: XmlFile, element: Element, path: Path, folder: Path) -> Path:
-    """Where a path leads, links followed. Raises RobotFileError where that is outside the model's folder."""
-    resolved = path.resolve()
-    if not resolved.is_relative_to(folder.resolve()):
-        name = next(value for key, value in element.attributes.items() if key.startswith("file"))
-        file.fail(element, f"names {name[:60]!r}, which is not below its folder", "put it there")
-    return resolved

@@ -9,13 +9,9 @@ _HERE = "calib.extras.robot_forms"
 
 CONTRIBUTIONS = (
     RobotForm((".xacro",), 2, "by its suffix .xacro", f"{_HERE}.xacro_files:read_xacro", options=("tip", "base")),
+    RobotForm((".xml",), 3, "a MuJoCo model", f"{_HERE}.mjcf:read_mjcf", "<mujoco", ("tip", "base")),
     RobotForm(
-        (".xml",), 3, "a MuJoCo model", f"{_HERE}.mjcf:read_mjcf", "<mujoco", ("tip", "base"),
-        writer=f"{_HERE}.mjcf_text:mjcf_content",
-    ),
-    RobotForm(
-        (".conf",), 4, "a controller's calibration.conf", f"{_HERE}.ur_calibration:read_conf", options=("model",),
-        in_template=f"{_HERE}.ur_calibration:calibrated_conf",
+        (".conf",), 4, "a controller's calibration.conf", f"{_HERE}.ur_calibration:read_conf", options=("model",)
     ),
     KnownTables(f"{_HERE}.ur_calibration:nominal_robots"),
 )  # fmt: skip

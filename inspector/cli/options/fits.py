@@ -26,10 +26,7 @@ class CalibrateOptions(WithModelOut, FittingOptions, WithAdding):
 
     out: Path | None = option("write robot.toml, its table the best without effects")
     urdf_out: Path | None = option("write the template with calibrated origins, as --out")
-    kinematics_out: Path | None = option(
-        "the same for joint origins as makers' YAML, or for a UR controller's calibration.conf (.conf)",
-        metavar="FILE.yaml",
-    )
+    kinematics_out: Path | None = option("the same for joint origins as makers' YAML", metavar="FILE.yaml")
     template: Sequence[Path] = several(
         "your own .urdf or .yaml of this arm; default: the file that `import` took the robot from"
     )

@@ -17,7 +17,7 @@ class ConvertOptions(RobotFileOptions):
     """A robot from one form into another: URDF, robot.toml, YAML, tables."""
 
     source: Path = argument("a robot: .urdf .xacro .toml .yaml .conf .csv .xml", metavar="IN")
-    out: Path = argument("the form follows the suffix: .toml .urdf .xml (MuJoCo) .yaml")
+    out: Path = argument("the form follows the suffix: .toml .urdf .yaml")
     template: Path | None = option("your own URDF of this arm: only origins are changed", metavar="ROBOT.urdf")
     force: bool = flag("replace a file that is there")
 
