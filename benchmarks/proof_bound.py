@@ -19,7 +19,8 @@ from intervention import SIZED_KG, Task, best_part, columns_of, loaded, nuisance
 from simulated import NOISE_MM
 
 from calib.array_types import Array, IndexArray
-from calib.extras.proof_plan.pair_design import PairDesign, exchanged_pairs, greedy_pairs
+from calib.extras.proof_plan.pair_design import PairQuestion
+from calib.planning.exchange import best_poses
 from tests.support.engine.cell import Cell
 from tests.support.paired_cell import ARMS, Member, base, draw_pairs, members_of
 
@@ -66,9 +67,8 @@ def best_pairs(
     for row, (part, size, soft) in zip(causes, drawn, strict=True):
         row[owner == number[part.effect, part.joint]] = size * (soft if part.joint is None else np.ones(1))
     every = np.concatenate([free_motions(cell), *columns], axis=2) / sigma_mm
-    design = PairDesign(np.einsum("nik,nil->nkl", every, every), 9, owner, causes)
-    chosen = greedy_pairs(design, count)
-    return exchanged_pairs(design, chosen) if count <= _EXCHANGED else chosen
+    question = PairQuestion.of(every, np.concatenate([np.full(9, -1), owner]), causes)
+    return best_poses([question], count, exchange=count <= _EXCHANGED).rows
 
 
 def settled(arm: str, size: float, pool: int, pairs: int, load_kg: float, cases: int, seed: int) -> tuple[float, float]:

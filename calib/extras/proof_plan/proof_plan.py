@@ -8,13 +8,11 @@ noise, and `calib.intervention.proof.decided` judges them as it will judge the r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
@@ -28,9 +26,6 @@ from calib.extras.proof_plan.simulated_pairs import (
     Offer,
     PairCell,
     chosen_from,
-    new_pairs,
-    settled_share,
-    under,
 )
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
 from calib.intervention.proof import FEWEST_PAIRS, follows, with_masses
@@ -47,7 +42,7 @@ _BETTER = 0.15  # of probability, by which new pairs have to be better than pose
 _EASE = {APPROACH: 0.0, PAYLOAD: 0.02, TEMPERATURE: 0.1}  # of probability, that a change's trouble counts as
 _TRIALS = 60  # simulated follow-ups
 _CAUSES = 30  # drawn causes that pairs are chosen for
-_NEW = 200  # new poses that are offered
+_NEW = 150  # new poses that are offered
 _SIGNS = 20  # draws of a size that has to be positive
 
 
@@ -79,7 +74,6 @@ def next_change(
     *,
     payload_kg: float | None = None,
     count: int | None = None,
-    least: float = 0.0,
 ) -> NextChange | None:
     """Change that most probably proves which effect of a diagnosis' first confounded set is true; the easiest first.
 
@@ -89,11 +83,10 @@ def next_change(
         diagnosis: that left effects confounded.
         payload_kg: payload to hang on the flange.
         count: number of poses to measure; None: the fewest that are nearly as good as 40.
-        least: probability below which a change is worth nothing; an estimate of half of that ends the search.
     """
     for hypothesis_set in hypothesis_sets(diagnosis):
         try:
-            found = change_for(hypothesis_set, payload_kg=payload_kg, count=count, least=least)
+            found = change_for(hypothesis_set, payload_kg=payload_kg, count=count)
         except FitError:  # too few poses to fit a hypothesis at all
             continue
         if found is not None:
@@ -103,7 +96,8 @@ def next_change(
 
 def advised_change(diagnosis: Diagnosis) -> NextChange | None:
     """Change of one condition to advise after a diagnosis, where it is likely to prove which effect is true."""
-    return next_change(diagnosis, least=WORTH_A_CHANGE)
+    found = next_change(diagnosis)
+    return found if found is not None and found.probability >= WORTH_A_CHANGE else None
 
 
 @one_blas_thread()
@@ -112,7 +106,6 @@ def change_for(
     *,
     payload_kg: float | None = None,
     count: int | None = None,
-    least: float = 0.0,
 ) -> NextChange | None:
     """Change that most probably proves which hypothesis is true; None where no change does, see `next_change`.
 
@@ -132,26 +125,25 @@ def change_for(
     likely = np.exp(evidence - evidence.max())
     drawn = []
     for k in rng.choice(len(hypotheses), max(_CAUSES, _TRIALS), p=likely / likely.sum()):
-        one = hypotheses[k]
-        drawn.append(_drawn(one.name, one.members, partial(posteriors.draw, int(k), rng)))
+        members = hypotheses[k].members
+        positive = np.array([p.positive for member in members for p in member.parameters])
+        last, *draws = (posteriors.draw(int(k), rng) for _ in range(_SIGNS))
+        values = next((one for one in draws if np.all(one[positive] >= 0.0)), last)
+        ends = np.cumsum([len(member.parameters) for member in members])[:-1]
+        each = np.split(np.where(positive, np.abs(values), values), ends)
+        drawn.append(DrawnCause(hypotheses[k].name, dict(zip(members, each, strict=True))))
     robot = with_masses(calibration.model.calibrated_robot(calibration.fit.x))
-    scanner_T_base = calibration.after.scanner_T_base
-    cell = PairCell(calibration.dataset, robot, dict(scanner_T_base), posteriors.sigma_mm)
-    members = [member for hypothesis in hypotheses for member in hypothesis.members]
+    cell = PairCell(calibration.dataset, robot, dict(calibration.after.scanner_T_base), posteriors.sigma_mm)
     found: list[tuple[float, Offer]] = []
-    for change in _changes(calibration.dataset, members, payload_kg):
+    for change in _changes(calibration.dataset, [m for one in hypotheses for m in one.members], payload_kg):
         best = _best_offer(cell, _offers(calibration, change), drawn[:_CAUSES], count)
         if best is not None:
             found.append(best)
     if not found:
         return None
     found.sort(key=lambda one: _EASE[one[1].change.condition] - one[0])
-    reached, offer = found[0]
-    if reached < 0.5 * least:
-        return None
-    probability = settled_share(cell.measured(offer.both), drawn[:_TRIALS], rng)
-    if probability < least:
-        return None
+    offer = found[0][1]
+    made = cell.measured(offer.both)
     return NextChange(
         calibration=calibration,
         hypotheses=tuple(hypothesis.name for hypothesis in hypotheses),
@@ -160,37 +152,23 @@ def change_for(
         again=offer.before.ids if offer.is_again else (),
         assumed=offer.assumed,
         pairs=len(offer.before),
-        probability=probability,
+        probability=0.0 if made is None else made.settled_share(drawn[:_TRIALS], rng),
         others=tuple((other.change, reached) for reached, other in found[1:]),
     )
-
-
-def _drawn(effect: str, members: Sequence[Effect], draw: Callable[[], Array]) -> DrawnCause:
-    """Cause with coefficients that have the signs they should have, where such are found."""
-    positive = np.array([p.positive for member in members for p in member.parameters])
-    for _ in range(_SIGNS):
-        values = draw()
-        if not np.any(values[positive] < 0.0):
-            break
-    values = np.where(positive, np.abs(values), values)
-    ends = np.cumsum([len(member.parameters) for member in members])[:-1]
-    return DrawnCause(effect, dict(zip(members, np.split(values, ends), strict=True)))
 
 
 def _changes(dataset: Dataset, members: Sequence[Effect], payload_kg: float | None) -> list[ConditionChange]:
     """Changes of one condition that move any of some effects."""
     poses = dataset.poses
-    out = []
-    if any(follows(member, (APPROACH,)) for member in members):
-        out.append(ConditionChange(APPROACH, None, None))
-    if any(follows(member, (PAYLOAD,)) for member in members):
-        known = np.zeros(1) if poses.payload_kg is None else poses.payload_kg
-        low, high = float(known.min()), float(known.max())
-        out.append(ConditionChange(PAYLOAD, low, high if high > low else low + (payload_kg or PROOF_PAYLOAD_KG)))
-    if any(follows(member, (TEMPERATURE,)) for member in members):
-        cold = COLD_C if poses.temperature_c is None else float(np.median(poses.temperature_c))
-        out.append(ConditionChange(TEMPERATURE, cold, cold + WARM_C - COLD_C))
-    return out
+    known = np.zeros(1) if poses.payload_kg is None else poses.payload_kg
+    low, high = float(known.min()), float(known.max())
+    cold = COLD_C if poses.temperature_c is None else float(np.median(poses.temperature_c))
+    changes = (
+        ConditionChange(APPROACH, None, None),
+        ConditionChange(PAYLOAD, low, high if high > low else low + (payload_kg or PROOF_PAYLOAD_KG)),
+        ConditionChange(TEMPERATURE, cold, cold + WARM_C - COLD_C),
+    )
+    return [change for change in changes if any(follows(member, (change.condition,)) for member in members)]
 
 
 # ---- pairs that can be measured -------------------------------------------------------------------------------------
@@ -198,8 +176,11 @@ def _changes(dataset: Dataset, members: Sequence[Effect], payload_kg: float | No
 
 def _offers(calibration: Calibration, change: ConditionChange) -> list[Offer]:
     """Pairs that can be measured: poses measured again, and new ones."""
+    offered, rng = offered_poses(calibration, count=_NEW), np.random.default_rng(1)
+    sides = rng.choice([-1.0, 1.0], offered.q.shape)
+    values = sides if change.before is None else np.full(len(offered), change.before)
+    new = Offer.of(offered, change, values, again=False)
     again = _again(calibration, change)
-    new = new_pairs(offered_poses(calibration, count=_NEW), change)
     return [new] if again is None else [again, new]
 
 
@@ -214,23 +195,10 @@ def _again(calibration: Calibration, change: ConditionChange) -> Offer | None:
     trained = [i for i in np.unique(dataset.points.pose).tolist() if not poses.is_test[i] and i not in paired]
     if len(trained) < FEWEST_PAIRS:
         return None
+    values = np.full(len(trained), change.before) if recorded is None else recorded[trained]
+    offer = Offer.of(poses.select(np.array(trained)), change, values, again=True, assumed=recorded is None)
     last = poses.setup[trained[int(np.argmax(poses.order[trained]))]]
-    before = replace(
-        poses.select(np.array(trained)), time_s=None, order=np.zeros(0), came_from=np.zeros((0, 0)), selected_from=None
-    )
-    if change.condition == APPROACH:
-        assert before.approach is not None
-        changed = -before.approach
-    else:
-        assert change.before is not None
-        assert change.after is not None
-        if recorded is None:
-            before = replace(before, payload_kg=np.full(len(before), change.before))
-        now = np.zeros(len(before)) if recorded is None else recorded[trained]
-        is_low = now < 0.5 * (change.before + change.after)
-        changed = np.where(is_low, change.after, change.before)
-    after = replace(under(before, change.condition, changed), setup=np.full(len(before), last))
-    return Offer(change, before, after, is_again=True, assumed=recorded is None)
+    return replace(offer, after=replace(offer.after, setup=np.full(len(trained), last)))
 
 
 def _best_offer(

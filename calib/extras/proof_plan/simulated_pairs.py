@@ -15,13 +15,14 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.effect import Effect, full_name
-from calib.extras.proof_plan.pair_design import PairDesign, exchanged_pairs, greedy_pairs
+from calib.extras.proof_plan.pair_design import PairQuestion
 from calib.fitting.model import geometric_model
 from calib.frames import frames_by_name
 from calib.intervention.differences import Differences, differences_of
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
-from calib.intervention.proof import FEWEST_PAIRS, candidates_of, decided
+from calib.intervention.proof import FEWEST_PAIRS, PairCandidate, candidates_of, decided
 from calib.kinematics.robot import Robot
+from calib.planning.exchange import best_poses
 
 TEMPERATURE = "temperature_c"
 ACTING = (APPROACH, PAYLOAD, TEMPERATURE)
@@ -38,6 +39,12 @@ class ConditionChange:
     before: float | None
     after: float | None
 
+    def other(self, values: Array) -> Array:
+        """Values of the condition after the change, for those before it."""
+        if self.before is None or self.after is None:
+            return -values  # the other side
+        return np.where(values < 0.5 * (self.before + self.after), self.after, self.before)
+
 
 @dataclass(frozen=True)
 class DrawnCause:
@@ -49,7 +56,8 @@ class DrawnCause:
     @property
     def carriers(self) -> set[tuple[str, int | None]]:
         """Effect and joint, counted from 1, of each member."""
-        return {(self.effect, _joint(member)) for member in self.coefficients}
+        joints = [getattr(member, "joint", None) for member in self.coefficients]  # None for the whole arm
+        return {(self.effect, None if joint is None else int(joint) + 1) for joint in joints}
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,13 @@ class Offer:
     after: Poses
     is_again: bool
     assumed: bool = False
+
+    @classmethod
+    def of(cls, poses: Poses, change: ConditionChange, values: Array, *, again: bool, assumed: bool = False) -> Offer:
+        """Pairs of poses with given values of the condition, and with those after the change."""
+        plain = replace(poses, order=np.zeros(0), came_from=np.zeros((0, 0)), selected_from=None, time_s=None)
+        before, after = (under(plain, change.condition, side) for side in (values, change.other(values)))
+        return cls(change, before, after, again, assumed)
 
     def take(self, rows: IndexArray) -> Offer:
         return replace(self, before=self.before.select(rows), after=self.after.select(rows))
@@ -76,21 +91,6 @@ class Offer:
         if self.is_again:
             return self.after
         return self.both.select(np.arange(2 * len(self.before)).reshape(2, -1).T.ravel())
-
-
-def new_pairs(offered: Poses, change: ConditionChange) -> Offer:
-    """Pairs of new poses, before and after a change."""
-    n, rng = len(offered), np.random.default_rng(1)
-    before = replace(offered, order=np.zeros(0), came_from=np.zeros((0, 0)), selected_from=None, time_s=None)
-    if change.condition == APPROACH:
-        side = rng.choice([-1.0, 1.0], offered.q.shape)
-        sides = (side, -side)
-    else:
-        assert change.before is not None
-        assert change.after is not None
-        sides = (np.full(n, change.before), np.full(n, change.after))
-    one, other = (under(before, change.condition, values) for values in sides)
-    return Offer(change, one, other, is_again=False)
 
 
 def under(poses: Poses, condition: str, values: Array | None) -> Poses:
@@ -119,56 +119,6 @@ def joined_poses(one: Poses, other: Poses) -> Poses:
     )
 
 
-def chosen_from(
-    cell: PairCell, offer: Offer, drawn: Sequence[DrawnCause], count: int | None
-) -> tuple[float, Offer] | None:
-    """The best pairs of an offer by number of measurements, with nearly their probability."""
-    made = cell.measured(offer.both)
-    found = None if made is None else design_of(made, drawn)
-    if found is None:
-        return None
-    design, shown = found
-    cost = 1 if offer.is_again else 2
-    counts = [max(n // cost, FEWEST_PAIRS) for n in ((count,) if count is not None else _COUNTS)]
-    greedy = greedy_pairs(design, counts[-1])
-    reached = [design.probability_of(greedy[:n]) for n in counts]
-    enough = next(n for n, probability in zip(counts, reached, strict=True) if probability >= NEARLY * max(reached))
-    chosen = exchanged_pairs(design, greedy[:enough])
-    return shown * design.probability_of(chosen), offer.take(chosen)
-
-
-def design_of(made: MeasuredPairs, drawn: Sequence[DrawnCause]) -> tuple[PairDesign, float] | None:
-    """Design for the causes drawn, each by the member that shows most, and the share of causes that show at all."""
-    candidates = candidates_of(made.differences, made.dataset)
-    names = [full_name(c.member, p) for c in candidates for p in c.parameters]
-    column = {name: k for k, name in enumerate(names)}
-    visible = np.concatenate(
-        [np.zeros((int(made.differences.train.sum()), 0)), *(c.visible for c in candidates)], axis=1
-    )
-    causes = []
-    for cause in drawn:
-        parts = []
-        for member, values in cause.coefficients.items():
-            part = np.zeros(len(column))
-            for parameter, value in zip(member.parameters, values, strict=True):
-                if (name := full_name(member, parameter)) in column:
-                    part[column[name]] = value / parameter.scale
-            parts.append(part)
-        causes.append(max(parts, key=lambda part: float(np.linalg.norm(visible @ part))))
-    shown = [cause for cause in causes if cause.any()]
-    if not shown:
-        return None
-    return PairDesign.of(made.differences, candidates, np.array(shown)), len(shown) / len(causes)
-
-
-@dataclass(frozen=True)
-class MeasuredPairs:
-    """Pairs measured without any cause or noise."""
-
-    dataset: Dataset
-    differences: Differences
-
-
 @dataclass(frozen=True)
 class PairCell:
     """An arm before its instrument, in which pairs are measured by simulation."""
@@ -181,37 +131,69 @@ class PairCell:
     def measured(self, poses: Poses) -> MeasuredPairs | None:
         """Poses measured without any cause or noise; None where they pair too few."""
         model, n = geometric_model(self.robot), len(poses)
-        placed = frames_by_name(self.scanner_T_base, poses.setup)
         points = self.dataset.points
         assert points is not None
         target = str(points.target[0])
+        placed = frames_by_name(self.scanner_T_base, poses.setup)
         xyz_mm = frames.apply(placed, model.predict(np.zeros(len(model.parameters)), poses, target))
         covariance = np.tile(self.sigma_mm**2 * np.eye(3), (n, 1, 1))
         made = replace(self.dataset, poses=poses, points=Points(np.arange(n), xyz_mm, np.full(n, target), covariance))
         paired = next((one for one in find_pairs(made) if one.conditions[0] in ACTING), None)
         differences = None if paired is None else differences_of(made, paired, self.robot)
-        return None if differences is None else MeasuredPairs(made, differences)
+        return None if differences is None else MeasuredPairs(differences, candidates_of(differences, made))
 
 
-def settled_share(made: MeasuredPairs | None, drawn: Sequence[DrawnCause], rng: np.random.Generator) -> float:
-    """Share of drawn causes that are proven, and nothing else is, by pairs that are measured in simulation."""
-    if made is None:
-        return 0.0
-    differences = made.differences
-    candidates = candidates_of(differences, made.dataset)
-    settled = 0
-    for cause in drawn:
-        explained = np.zeros(len(differences.residual))
-        for member, values in cause.coefficients.items():
-            explained += differences.columns(member) @ (values / np.array([p.scale for p in member.parameters]))
-        noise = rng.standard_normal((len(differences.row), 3))
-        found = decided(differences.simulated(explained, noise), candidates, name_open=False).proofs
-        proven = {(proof.effect, proof.joint) for proof in found}
-        settled += bool(proven) and proven <= cause.carriers
-    return settled / len(drawn)
+@dataclass(frozen=True)
+class MeasuredPairs:
+    """Pairs measured without any cause or noise, and the members that may explain their differences."""
+
+    differences: Differences
+    candidates: Sequence[PairCandidate]
+
+    def question(self, drawn: Sequence[DrawnCause]) -> tuple[PairQuestion, float] | None:
+        """Question for the causes drawn, each by the member that shows most, and the share of causes that show."""
+        names = [full_name(c.member, p) for c in self.candidates for p in c.parameters]
+        hidden = np.zeros((int(self.differences.train.sum()), 0))
+        visible = np.concatenate([hidden, *(c.visible for c in self.candidates)], axis=1)
+        causes = []
+        for cause in drawn:
+            parts = []
+            for member, values in cause.coefficients.items():
+                of = {full_name(member, p): value / p.scale for p, value in zip(member.parameters, values, strict=True)}
+                parts.append(np.array([of.get(name, 0.0) for name in names]))
+            causes.append(max(parts, key=lambda part: float(np.linalg.norm(visible @ part))))
+        shown = [cause for cause in causes if cause.any()]
+        if not shown:
+            return None
+        return PairQuestion.of_differences(self.differences, self.candidates, np.array(shown)), len(shown) / len(drawn)
+
+    def settled_share(self, drawn: Sequence[DrawnCause], rng: np.random.Generator) -> float:
+        """Share of drawn causes that are proven, and nothing else is, by these pairs measured with noise."""
+        differences, settled = self.differences, 0
+        for cause in drawn:
+            explained = np.zeros(len(differences.residual))
+            for member, values in cause.coefficients.items():
+                explained += differences.columns(member) @ (values / np.array([p.scale for p in member.parameters]))
+            noise = rng.standard_normal((len(differences.row), 3))
+            found = decided(differences.simulated(explained, noise), self.candidates, name_open=False).proofs
+            proven = {(proof.effect, proof.joint) for proof in found}
+            settled += bool(proven) and proven <= cause.carriers
+        return settled / len(drawn)
 
 
-def _joint(member: Effect) -> int | None:
-    """Joint of an effect's member, counted from 1; None for the whole arm."""
-    joint = getattr(member, "joint", None)
-    return None if joint is None else int(joint) + 1
+def chosen_from(
+    cell: PairCell, offer: Offer, drawn: Sequence[DrawnCause], count: int | None
+) -> tuple[float, Offer] | None:
+    """The best pairs of an offer by number of measurements, with nearly their probability."""
+    made = cell.measured(offer.both)
+    found = None if made is None else made.question(drawn)
+    if found is None:
+        return None
+    question, shown = found
+    cost, most = (1 if offer.is_again else 2), len(question.rows)
+    counts = [min(max(n // cost, FEWEST_PAIRS), most) for n in ((count,) if count is not None else _COUNTS)]
+    greedy = best_poses([question], counts[-1], exchange=False).rows
+    reached = [question.probability_of(greedy[:n]) for n in counts]
+    enough = next(n for n, probability in zip(counts, reached, strict=True) if probability >= NEARLY * max(reached))
+    chosen = best_poses([question], enough).rows
+    return shown * question.probability_of(chosen), offer.take(chosen)
