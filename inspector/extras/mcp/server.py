@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -80,17 +81,22 @@ class Toolbox:
             return _text(await self._run(tool.words({"path": path}, self.roots)))
         with tempfile.TemporaryDirectory(prefix="figure-") as folder:
             words = tool.words({"path": path, "name": [name]}, self.roots)
-            ended = await self._run([words[0], f"--out={folder}", "--png", "--json", *words[1:]])
+            ended = await self._run([words[0], f"--out={folder}", "--png", "--json", *words[1:]], folder)
             if ended.returncode:
                 return _text(ended)
             (told,) = json.loads(ended.stdout)["figures"]
             return Image(data=Path(told["file"]).read_bytes(), format="png"), told["caption"]
 
-    async def _run(self, words: list[str]) -> Ended:
-        """A command that has ended. Raises CallError where it takes longer than a call may."""
-        with anyio.move_on_after(self.timeout_s):
+    async def _run(self, words: list[str], *further: str) -> Ended:
+        """A command that has ended; `further` folders are open to it beside the roots.
+
+        Raises CallError where it takes longer than a call may.
+        """
+        roots = json.dumps([*map(str, self.roots.folders), *further])
+        started = [sys.executable, *_ISOLATED, "-m", "inspector.extras.mcp.confined", roots, *words]
+        with tempfile.TemporaryDirectory(prefix="call-") as own, anyio.move_on_after(self.timeout_s):
             return await anyio.run_process(
-                [sys.executable, *_ISOLATED, "-m", "inspector", *words], check=False, cwd=self.roots.folders[0]
+                started, check=False, cwd=self.roots.folders[0], env=os.environ | {"TMPDIR": own}
             )
         raise CallError(f"{words[0]}: not done after {self.timeout_s:g} s, and ended (mcp --timeout-s)")
 

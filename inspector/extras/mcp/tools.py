@@ -143,7 +143,8 @@ def _check_place(told: Argument, text: str, roots: Roots) -> None:
     as_it_stands = plain is str and told.parse is None and told.choices is None
     looks_like_one = as_it_stands and ("/" in text or "\\" in text or bool(Path(text).suffix))
     if told.parse is values.named_folder or plain is Path or looks_like_one:
-        roots.require(place)
+        for end in [k for k, mark in enumerate(place) if mark == "#"] + [len(place)]:  # topics and sheets follow a "#"
+            roots.require(place[:end])
         if Path(place).suffix.lower() == _XACRO:
             urdf = Path(place).with_suffix("" if place.lower().endswith(f".urdf{_XACRO}") else ".urdf")
             raise CallError(

@@ -136,6 +136,7 @@ def test_nothing_outside_the_roots_is_read_or_written(toolbox: Toolbox, root: Pa
     outside = tmp_path / "outside"
     shutil.copytree(root / name, outside)
     (root / "link").symlink_to(outside)
+    (root / "table").symlink_to(outside / "robot.toml")
     written = tmp_path / "model.json"
     calls = (
         ("diagnose", {"path": str(outside)}),
@@ -145,6 +146,8 @@ def test_nothing_outside_the_roots_is_read_or_written(toolbox: Toolbox, root: Pa
         ("report", {"path": name, "out": "link/report.html"}),
         ("import", {"path": "new", "robot": str(outside / "robot.toml")}),
         ("convert", {"source": str(outside / "robot.toml"), "out": "robot.urdf"}),
+        ("convert", {"source": f"{outside / 'run.bag'}#/../..{root}/x.toml", "out": "robot.urdf"}),
+        ("simulate", {"path": "new", "robot": "table"}),
     )
     for answer in answers(toolbox, *calls):
         assert answer.is_error
