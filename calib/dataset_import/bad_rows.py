@@ -6,36 +6,53 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from calib.dataset_import.reading import comparable_id
+from calib.dataset_import.pose_names import comparable_id
+from calib.dataset_import.reading import ImportReport, LeftOutRow
 from calib.errors import visible
+from calib.rendering import numbers
+from calib.text_files.column_names import listed, plain
 from calib.text_files.csv_text import as_number
-from calib.text_files.user_table import RowFault, UserTable, plain
+from calib.text_files.user_table import RowFault, UserTable
 
 _FEWEST = 3  # columns of a table in which a row of one cell is a remark
 _SHOWN = 4
 _DETAILED = 30  # rows of a table whose fault a note names; of further ones it names the line
 
 
-_SUMMARIES = {"mean", "average", "avg", "mittelwert", "mittel", "durchschnitt", "moyenne", "media", "promedio", "平均",
-              "平均値", "平均值", "std", "stdev", "stddev", "stdabw", "standardabweichung", "standarddeviation",
-              "écarttype", "ecarttype", "標準偏差", "标准差", "min", "max", "minimum", "maximum", "最大", "最小",
-              "最大値", "最小値", "rms", "range", "spannweite", "sum", "summe", "total", "median"}  # fmt: skip
+_SUMMARIES = frozenset(
+    listed(
+        "mean average avg mittelwert mittel durchschnitt moyenne media promedio 平均 平均値 平均值 std stdev "
+        "stddev stdabw standardabweichung standarddeviation écarttype ecarttype 標準偏差 标准差 min max minimum "
+        "maximum 最大 最小 最大値 最小値 rms range spannweite sum summe total median"
+    )
+)
 
 
-def without_remarks(table: UserTable) -> tuple[UserTable, str]:
-    """Table without remarks, means and other summaries at its end, and a note of them; "" where there are none."""
+def without_remarks(report: ImportReport, table: UserTable) -> UserTable:
+    """Table without limits, means and other summaries, and without remarks at its end, which are told."""
     end = len(table)
     while end > 1 and _is_remark(table.rows[end - 1]):
         end -= 1
-    left_out = table.lines[end:]
-    if not left_out:
-        return table, ""
-    shown = ", ".join(f"{next(c for c in row if c)[:40]!r}" for row in table.rows[end : end + _SHOWN])
-    where = "columns" if table.is_turned else "lines"
-    note = (
-        f"{table.path}: remarks and summaries below the poses are left out, {where} {left_out[0]} to {left_out[-1]}: "
+    left_out = [i for i, row in enumerate(table.rows) if i >= end or (_first(row) in _SUMMARIES and _is_remark(row))]
+    if not left_out or len(left_out) == len(table):
+        return table
+    names = [next(cell for cell in table.rows[i] if cell)[:40] for i in left_out]
+    report.left_out += [
+        LeftOutRow(table.path.name, table.lines[i], name, "a remark or summary")
+        for i, name in zip(left_out, names, strict=True)
+    ]
+    where = numbers.in_short([str(table.lines[i]) for i in left_out], _DETAILED)
+    shown = numbers.in_short([repr(name) for name in names], _SHOWN)
+    report.notes.append(
+        visible(
+            f"{table.path}: remarks and summaries beside the poses are left out, {table.rows_are}s {where}: {shown}"
+        )
     )
-    return table.of_rows(range(end)), visible(note + shown)
+    return table.of_rows([i for i in range(len(table)) if i not in left_out])
+
+
+def _first(row: Sequence[str]) -> str:
+    return plain(next((cell for cell in row if cell), ""))
 
 
 def _is_remark(row: Sequence[str]) -> bool:
@@ -43,7 +60,7 @@ def _is_remark(row: Sequence[str]) -> bool:
     filled = [cell for cell in row if cell]
     if not filled or as_number(filled[0]) is not None:
         return False
-    return plain(filled[0]) in _SUMMARIES or (len(filled) == 1 and len(row) > _FEWEST)
+    return _first(row) in _SUMMARIES or (len(filled) == 1 and len(row) > _FEWEST)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from calib.dataset.signals import is_signal
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.text_files.user_table import MOST_CHARACTERS, plain, split_unit
+from calib.text_files.column_names import MOST_CHARACTERS, listed, plain, split_unit
 
 LENGTHS = ("mm", "m", "cm", "in", "um")
 
@@ -18,38 +18,55 @@ _JOINT = re.compile(
     r"[^\w]*_?(?P<number>\d+)(?P<end>\D*)|(?P<first>\d+)\s*(?:軸|轴|关节|関節|节)\D*",
     re.IGNORECASE,
 )
-_ENDS = {"", "actual", "act", "ist", "measured", "meas", "position", "pos", "positions", "angle", "value", "feedback",
-         "fb", "state", "轴", "軸", "角度", "关节", "関節", "轴角度", "軸角度",
-         "关节角度", "関節角度", "角", "winkel", "grad"}  # fmt: skip
+_ENDS = frozenset(
+    listed(
+        "actual act ist istwert measured meas position pos positions angle value feedback fb state winkel grad 轴 "
+        "軸 角度 关节 関節 轴角度 軸角度 关节角度 関節角度 角"
+    )
+) | {""}
 _SERIES = (  # joints that some makers name and do not number
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
     ("s", "l", "u", "r", "b", "t"),
 )
-NOT_POSITIONS = {"target", "desired", "command", "commanded", "cmd", "reference", "ref", "setpoint", "goal", "nominal",
-                 "error", "velocity", "velocities", "vel", "speed", "qd", "qdd", "dq", "ddq", "qdot", "acceleration",
-                 "acc", "current", "effort", "eff", "torque", "tau", "tq", "moment", "temperature", "temperatures",
-                 "temp", "voltage", "mode", "control", "action", "jerk", "tcp", "force", "d", "ip", "mt", "et", "aspos",
-                 "macur", "drehmoment", "geschwindigkeit", "consigne", "vitesse"}  # fmt: skip
+NOT_POSITIONS = frozenset(
+    listed(
+        "target desired command commanded cmd reference ref setpoint goal nominal error velocity velocities vel "
+        "speed qd qdd dq ddq qdot acceleration acc current effort eff torque tau tq moment temperature "
+        "temperatures temp voltage mode control action jerk tcp force d ip mt et aspos macur drehmoment "
+        "geschwindigkeit consigne vitesse"
+    )
+)
 _SET_VALUES = ("soll", "strom")  # beginnings of German words for them
 _ACTUAL = {"actual", "measured", "meas", "ist", "istposition"}
-_MEASURED = ("measured", "measurement", "measure", "meas", "gemessen", "mess", "laser", "lt", "tracker", "scanner",
-             "jig", "smr", "reflector", "marker", "测量", "实测", "mesuré", "mesurée", "mesure", "misurato", "medido",
-             "測定値", "測定", "計測値", "計測", "实测值", "测量值", "gemessene", "istwert")  # fmt: skip
+_MEASURED = listed(
+    "measured measurement measure meas gemessen mess laser lt tracker scanner jig smr reflector marker 测量 "
+    "实测 mesuré mesurée mesure misurato medido 測定値 測定 計測値 計測 实测值 测量值 gemessene istwert"
+)
 _ACTUAL_POINT = ("actual", "act", "ist")  # of a controller its own, but beside nominal ones
-_MARKER_NAMES = ("marker", "reflector", "reflektor", "smr", "prism", "tag", "ball", "kugel", "aruco", "messpunkt",
-                 "cible", "マーカー", "ターゲット", "标记", "靶球")  # fmt: skip
-_NOMINAL = ("nominal", "nom", "soll", "theoretical", "theo", "名义", "理论")
-_DEVIATIONS = ("deviation", "dev", "abweichung", "delta", "error", "余量")
-_WORDS = "|".join((*_MEASURED, *_ACTUAL_POINT, "point", "punkt", "position", "pos", "coordinate", "coord", "koordinate",
-                   "coordonnée", "座標", "坐标", "p", "t"))  # fmt: skip
+_MARKER_NAMES = listed(
+    "marker reflector reflektor smr prism tag ball kugel aruco messpunkt cible マーカー ターゲット 标记 靶球"
+)
+_NOMINAL = listed("nominal nom soll theoretical theo 名义 理论")
+_DEVIATIONS = listed("deviation dev abweichung delta error 余量")
+_AXES = {"easting": "x", "northing": "y", "elevation": "z"}  # of surveyors
+_WORDS = "|".join(
+    (
+        *_MEASURED,
+        *_ACTUAL_POINT,
+        *listed("point punkt position pos coordinate coord koordinate coordonnée 座標 坐标 p t"),
+    )
+)
+_NUMBERED = re.compile(rf"(?P<stem>{_WORDS}|xyz)s?[\W_]*\d+\W?", re.IGNORECASE)
 _POINT = re.compile(rf"^(?P<before>(?:{_WORDS})*)(?P<axis>[xyz])(?P<after>1?(?:{_WORDS})*)$")
-_NO_MARKER = {"r", "q", "f", "d", "s", "u", "v", "w", "m", "sigma", "std", "ori", "roll", "euler", "quat", "force",
-              "moment", "torque", "vel", "acc", "speed", "cov", "base", "frame", "flange", "nozzle", "rot", "rotation",
-              "orientation", "quaternion", "velocity", "acceleration", "normal", "imu", "gyro", "wrench", "dir",
-              "uncertainty", "cmd", "command", "commanded", "goal", "consigne", "tcp", "tool0", "robot", "controller",
-              "steuerung", "ee", "eef", "effector", "fk", "odom", "cartesian", "calculated", "berechnet", "desired",
-              "setpoint", "reference", "sollwert", "指令", "目標"}  # fmt: skip
+_NO_MARKER = frozenset(
+    listed(
+        "r q f d s u v w m sigma std ori roll euler quat force moment torque vel acc speed cov base frame flange "
+        "nozzle rot rotation orientation quaternion velocity acceleration normal imu gyro wrench dir uncertainty "
+        "cmd command commanded goal consigne tcp tool0 robot controller steuerung ee eef effector fk odom "
+        "cartesian calculated berechnet desired setpoint reference sollwert 指令 目標"
+    )
+)
 _MARKER_FORMS = tuple(
     re.compile(form, re.IGNORECASE)
     for form in (
@@ -58,43 +75,16 @@ _MARKER_FORMS = tuple(
         r"(?P<stem>.*?\w.*?)[\W_]+(?P<axis>[xyz])[\W_]+(?P<after>.*\w.*)",
     )
 )
-_OTHERS = {
-    "pose": (
-        "pose",
-        "poseid",
-        "id",
-        "name",
-        "no",
-        "nr",
-        "number",
-        "index",
-        "idx",
-        "measurement",
-        "point",
-        "pointname",
-        "pointid",
-        "config",
-        "punkt",
-        "messpunkt",
-        "punktname",
-        "punktnr",
-        "repère",
-        "pointno",
-        "pointnr",
-        "测点",
-        "点号",
-        "測定点",
-        "測点",
-        "番号",
-        "序号",
-    ),
-    "role": ("role", "set", "split"),
-    "target": ("target", "reflector", "smr", "marker"),
-    "setup": ("setup", "station"),
-    "payload_kg": ("payload", "payloadmass", "load"),
-    "temperature_c": ("temperature", "temp", "temperatur"),
-    "time_s": ("time", "timestamp", "zeit"),
-    "scan": ("scan", "scanfile"),
+_OTHERS = {  # spellings, without signs
+    "pose": "pose poseid id name no nr number index idx measurement point pointname pointid config punkt messpunkt "
+    "punktname punktnr repère pointno pointnr 测点 点号 測定点 測点 番号 序号 file",
+    "role": "role set split",
+    "target": "target reflector smr marker",
+    "setup": "setup station",
+    "payload_kg": "payload payloadmass load",
+    "temperature_c": "temperature temp temperatur",
+    "time_s": "time timestamp zeit",
+    "scan": "scan scanfile",
 }
 _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}
 _VALUE = re.compile(r"[/._ ](?:position|pos|value|actual|angle|meas|measured)(?:\[\d+\])?$")  # behind a joint's name
@@ -223,9 +213,9 @@ def recognise(
                 replace(meant, name=f"q{k + 1}" if meant.name == "q*" else meant.name, unit=unit),
                 AS_MAPPED,
             )
-    for name, words in (by_place or {}).items():
-        if name not in taken and words not in found:
-            take(name, Meaning(words), BY_PLACE)
+    for name, meaning in (by_place or {}).items():
+        if name not in taken and meaning not in found:
+            take(name, Meaning(meaning), BY_PLACE)
     unmapped = [name for name in names if name not in taken and len(name) <= MOST_CHARACTERS]
     mapped_joints = [meaning for meaning in found if re.fullmatch(r"q\d+", meaning)]
     if not mapped_joints or robot is None or len(mapped_joints) < robot.n_joints:
@@ -247,7 +237,7 @@ def recognise(
         else:
             for meaning, spellings in _OTHERS.items():
                 usual = _CONDITION_UNITS.get(meaning, "")
-                if plain(base) in spellings and meaning not in found and unit in ("", usual):
+                if plain(base) in listed(spellings) and meaning not in found and unit in ("", usual):
                     take(name, Meaning(meaning))
     rest = tuple(name for name in names if name not in taken)
     return Recognised(found, rest, tuple(faults))
@@ -270,6 +260,16 @@ def _matching(names: Sequence[str], pattern: str, robot: Robot | None) -> list[s
 def words_of(name: str) -> set[str]:
     """Words of a column's name, in lower case."""
     return {word for word in re.split(r"[\W_]+|(?<=[^\W\d_])(?=\d)", name.lower()) if word}
+
+
+def names_poses(name: str) -> bool:
+    """Whether a column is called as those are that name poses."""
+    return plain(split_unit(name)[0]) in listed(_OTHERS["pose"])
+
+
+def is_exact(meaning: str) -> bool:
+    """Whether a meaning is a column of points.csv or poses.csv by its own name."""
+    return _EXACT.match(meaning) is not None
 
 
 def is_position(name: str) -> bool:
@@ -410,6 +410,7 @@ def _point_columns(names: Sequence[str]) -> dict[str, str]:
     found: dict[tuple[int, str], dict[str, str]] = {}
     for name in names:
         base, unit = split_unit(name)
+        base = _AXES.get(plain(base), base)
         match = _POINT.match(plain(base)) if unit in ("", *LENGTHS) else None
         words = "" if match is None else match["before"] + match["after"]
         if match is None or (not has_nominal and any(word in words for word in _ACTUAL_POINT)):
@@ -420,6 +421,12 @@ def _point_columns(names: Sequence[str]) -> dict[str, str]:
         groups = point_groups(names)
         for columns in (groups if len(groups) == 1 else marker_columns(names)).values():
             return dict(zip(columns, "xyz", strict=True))
+        sets: dict[str, list[str]] = {}
+        for name in names:
+            if match := _NUMBERED.fullmatch(split_unit(name)[0]):
+                sets.setdefault(match["stem"], []).append(name)
+        if [len(columns) for columns in sets.values()] == [3]:  # such as p[0], p[1], p[2]
+            return dict(zip(next(iter(sets.values())), "xyz", strict=True))
     order = sorted(found, key=lambda key: (-len(found[key]), key[0]))
     return {name: axis for key in order[:1] for axis, name in found[key].items()} | (
         {} if not order or len(found[order[0]]) == 3 else {n: a for key in order[1:] for a, n in found[key].items()}

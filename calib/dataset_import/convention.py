@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import degrees
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from calib.consistency.joint_convention import FEWEST_POSES, joint_convention
 from calib.consistency.joint_reading import JointReading
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset_import.columns import AS_MAPPED, Recognised
-from calib.dataset_import.reading import ImportReport
+from calib.dataset_import.reading import ImportReport, MeantTable
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
 from calib.robot_formats.conventions import TABLE_KINDS, RobotReading
@@ -120,7 +119,7 @@ def _as_read(robot: RobotFile, reading: JointReading, why: str) -> Settled:
 
 
 def has_known_unit(
-    report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
+    report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, joints: MeantTable
 ) -> bool:
     """Whether the points show the unit of joints that may be no angles at all; a fault is reported where not."""
     sample = None if sheet is None else sheet.sample
@@ -128,7 +127,7 @@ def has_known_unit(
         least = min(misfit_mm(each.robot.robot, sample) for each in readings)
         if least <= AGREES * sample.spread_mm:
             return True
-    column = meant.columns["q1"].name
+    column, table = joints.named("q1"), joints.path
     report.fault(
         f"{table}: the unit of {column} ... is not told: degrees, radians or normalised, and the points do not show "
         f"which; tell it by --map '{column}=q1_deg' (or q1_rad) ..., or record joint angles"
@@ -140,8 +139,7 @@ def settled(
     report: ImportReport,
     readings: Sequence[RobotReading],
     sheet: Sheet | None,
-    meant: Recognised,
-    table: Path,
+    joints: MeantTable,
     placements: Sequence[str] = (),
 ) -> Settled:
     """Robot convention, and order, signs and zeros of the joints, that fit the points best; as given unless far worse.
@@ -149,7 +147,7 @@ def settled(
     sheet  # None where no point belongs to a pose
     placements  # columns that may name where the instrument or a plate of known places stood
     """
-    sample = None if sheet is None else sheet.sample
+    sample, meant, table = None if sheet is None else sheet.sample, joints.meant, joints.path
     asked = readings[0]
     plain = JointReading.plain(asked.robot.robot.n_joints)
     as_it_is = Settled(asked.robot, plain)
@@ -181,7 +179,7 @@ def settled(
         )
         report.notes += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
         return Settled(best.robot, plain)
-    names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
+    names = [joints.named(f"q{k + 1}") for k in range(asked.robot.robot.n_joints)]
     scale_mm = _scale_mm(asked.robot.robot, sample)
     is_told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if _is_joint(name))
     if misfits[0] > (_FAR if asked.robot.robot.is_revolute.all() else _FAR_OF_SCREWS) * scale_mm:

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from calib.text_files.user_table import UserTable, plain, split_unit
+from calib.text_files.column_names import plain, split_unit
+from calib.text_files.user_table import UserTable
 
 VECTOR, FIXED, ZYX, XYZ, ZYZ = "a rotation vector", "fixed x, y, z", "z, y', x''", "x, y', z''", "z, y', z''"
 ANY_FORM = (VECTOR, FIXED, ZYX, XYZ, ZYZ)

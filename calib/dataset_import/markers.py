@@ -15,7 +15,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.consistency.agreement import Sample, misfit_mm, nominal_places
 from calib.dataset_import.columns import AS_MAPPED, Column, Recognised, marker_columns
-from calib.dataset_import.reading import ImportReport
+from calib.dataset_import.reading import ImportReport, MeantTable, coordinates
 from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import visible
 from calib.frames import apply, best_fit_transform, invert
@@ -24,8 +24,9 @@ from calib.kinematics.robot import TOOL_POINT, Robot, Target
 from calib.kinematics.tool_point import tool_point_of, with_own_tool_point
 from calib.robot_formats.chain.five_parameters import vector
 from calib.statistics import group_numbers, rms_length
+from calib.text_files.column_names import split_unit
 from calib.text_files.csv_text import as_number
-from calib.text_files.user_table import UserTable, split_unit
+from calib.text_files.user_table import UserTable
 
 STANDS_STILL = 0.02  # of the widest point's spread, below which a point is not on the arm
 _SAME = 2e-3  # of the spread, up to which two columns hold one point that was measured twice
@@ -50,8 +51,8 @@ def in_rows(
     table: UserTable,
     markers: dict[str, tuple[str, str, str]],
     poses: Sequence[str],
-) -> tuple[UserTable, Recognised]:
-    """Table with a row for each marker of a pose in place of columns, and its recognised columns.
+) -> MeantTable:
+    """Table with a row for each marker of a pose in place of columns.
 
     poses  # name of each row's pose
     """  # fmt: skip
@@ -76,7 +77,7 @@ def in_rows(
     meant |= {axis: Column(name, axis, unit) for axis, name in zip("xyz", names[2:], strict=True)}
     path = table.path.with_name(f"{table.path.name} (points)")
     made = UserTable(path, names, tuple(rows), tuple(lines), has_header=True)
-    return made, Recognised(meant, (), ())
+    return MeantTable(made, Recognised(meant, (), ()))
 
 
 def _in_mm(cell: str, unit_mm: float) -> str:
@@ -84,17 +85,17 @@ def _in_mm(cell: str, unit_mm: float) -> str:
     return cell if value is None else repr(unit_mm * value)
 
 
-def with_tool_named(report: ImportReport, table: UserTable, meant: Recognised, robot: Robot) -> UserTable:
-    """Table of several targets without those that stand still, the most often measured one named "jig".
+def with_tool_named(report: ImportReport, points: MeantTable, robot: Robot) -> tuple[MeantTable, list[int]]:
+    """Table of several targets without those that stand still, the most often measured one named "jig"; its old rows.
 
     Two that are one point are repeats of one target. Targets that robot.toml knows keep their names.
     """
-    targets, column = table.text(meant.columns["target"].name), meant.columns["target"].name
+    table, targets, column = points.table, points.cells("target"), points.named("target")
     known = {target.name for target in robot.targets} | {TOOL_POINT}
     if robot.carries_scanner or set(targets) <= known:
-        return table
-    xyz = _places(table, meant)
-    poses = table.text(meant.columns["pose"].name) if "pose" in meant.columns else list(map(str, range(len(table))))
+        return points, list(range(len(table)))
+    xyz = _places(points)
+    poses = points.cells("pose") or list(map(str, range(len(table))))
     of_each = {name: {p: i for i, (p, t) in enumerate(zip(poses, targets, strict=True)) if t == name}
                for name in dict.fromkeys(targets)}  # fmt: skip
     spreads = {name: spread_of(xyz[list(rows.values())]) for name, rows in of_each.items()}
@@ -127,14 +128,14 @@ def with_tool_named(report: ImportReport, table: UserTable, meant: Recognised, r
     kept = [i for i, target in enumerate(targets) if target in new]
     table = table.of_rows(kept)
     named = (new[targets[i]] for i in kept)
-    return replace(table, rows=tuple((*r[:k], name, *r[k + 1 :]) for r, name in zip(table.rows, named, strict=True)))
+    rows = tuple((*r[:k], name, *r[k + 1 :]) for r, name in zip(table.rows, named, strict=True))
+    return replace(points, table=replace(table, rows=rows)), kept
 
 
 def with_targets(
     report: ImportReport,
     robot: Robot,
-    table: UserTable,
-    meant: Recognised,
+    points: MeantTable,
     row_of: Sequence[int],
     q: Array,
     xyz_mm: Array,
@@ -151,7 +152,7 @@ def with_targets(
         xyz_mm: (M, 3) points.
         station: setup of each row of joints; [] for one.
     """  # fmt: skip
-    names = np.array(table.text(meant.columns["target"].name))
+    table, names = points.table, np.array(points.cells("target"))
     known = {target.name for target in robot.targets} | {TOOL_POINT}
     missing = [name for name in dict.fromkeys(names.tolist()) if name not in known]
     everything = list(range(len(names)))
@@ -232,10 +233,9 @@ def _on_link(robot: Robot, q: Array, in_base_mm: Array, *, last: bool = False) -
     return best
 
 
-def _places(table: UserTable, meant: Recognised) -> Array:
+def _places(points: MeantTable) -> Array:
     """Coordinates (M, 3) of a table; NaN for cells without a number."""
-    cells = [table.text(meant.columns[axis].name) for axis in "xyz"]
-    return np.array([[np.nan if (v := as_number(c)) is None else v for c in column] for column in cells]).T
+    return np.column_stack([coordinates(ImportReport(None), points.table, points.named(axis)) for axis in "xyz"])
 
 
 def spread_of(xyz: Array) -> float:

@@ -19,19 +19,21 @@ from calib.dataset_import.bad_rows import (
     too_many_bad_rows,
     without_remarks,
 )
-from calib.dataset_import.columns import Meaning, Recognised, are_names, length_column
+from calib.dataset_import.columns import Meaning, are_names
 from calib.dataset_import.convention import Sheet, has_known_unit, settled, with_told_commands
 from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.measured import MeasuredPoses
+from calib.dataset_import.pose_names import files_of_rows, matched
 from calib.dataset_import.reading import (
     ImportReport,
     LeftOutRow,
+    MeantTable,
     joint_values,
-    named_by_cells,
     named_by_values,
     named_places,
     of_one_place,
+    parted,
     placement_columns,
     point_of_each_pose,
     point_values,
@@ -41,7 +43,6 @@ from calib.dataset_import.reading import (
     require_near_spread,
     require_poses,
     rows_of_points,
-    without_strangers,
 )
 from calib.dataset_import.sources import ImportSource
 from calib.dataset_import.tool_offset import with_tool_offset
@@ -49,15 +50,18 @@ from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, leng
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
 from calib.errors import CalibError, DatasetError
 from calib.plugins import contributions, load
+from calib.rendering import numbers
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
 from calib.robot_formats.urdf.meshes import stl_of_links
-from calib.text_files.user_table import Fault, RowFault, UserTable, load_table, split_unit
+from calib.text_files.column_names import split_unit
+from calib.text_files.user_table import COLUMN, Fault, RowFault, UserTable, load_table
 
 _NO_ROBOT = "no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one"
 _EXAMPLES = 3
 _COMPUTED_MM = 5e-3  # rms to the robot's table, below which no measured point is
 _MOST_SHOWN = 60  # columns of a table
+_MOST_NAMED = 8
 
 
 @dataclass(frozen=True)
@@ -134,19 +138,18 @@ def plan_import(sources: ImportSources) -> ImportPlan:
         sources = replace(sources, robots=tuple(robots))
     of_form = None if sources.tables else _form_of(sources)
     if of_form is not None:
-        report = _new_report(sources)
+        planning = _Planning(sources)
         if not sources.robots:
-            report.faults += [] if sources.faults else [_NO_ROBOT]
-            return _plan(report, sources, {}, None)
+            planning.report.faults += [] if sources.faults else [_NO_ROBOT]
+            return planning.plan()
         try:
             sources = load(of_form.tables)(sources)
         except DatasetError as error:
-            report.fault(str(error))
-            return _plan(report, sources, {}, None)
-    report = _new_report(sources)
-    report.notes += [*_tool_note(sources), *_measured_notes(sources)]
-    plan = _plan_of_rows(report, sources, NOTHING_LEFT_OUT)
-    bad = report.row_faults
+            planning.report.fault(str(error))
+            return planning.plan()
+    planning = _Planning(sources)
+    plan = planning.of_rows()
+    bad = planning.report.row_faults
     if not bad:
         return plan
     tables = _tables_with_rows(sources)
@@ -155,23 +158,14 @@ def plan_import(sources: ImportSources) -> ImportPlan:
         faults = (*(too_many if sources.skip_bad_rows else ()), *plan.faults)
         return replace(plan, faults=faults, bad_rows=tuple(bad), has_too_many_bad_rows=bool(too_many))
     left_out = left_out_rows(tables, bad, _pose_columns(sources, tables))
-    report = _new_report(sources)
-    report.notes += [*left_out.notes, *_tool_note(sources), *_measured_notes(sources)]
-    plan = _plan_of_rows(report, sources, left_out)
-    return replace(plan, bad_rows=tuple(bad), are_left_out=True)
+    return replace(_Planning(sources, left_out).of_rows(), bad_rows=tuple(bad), are_left_out=True)
 
 
 def _form_of(sources: ImportSources) -> ImportSource | None:
     """Plug-in's form that makes tables of the joints' file; None for a table of poses."""
     path, mapping = sources.joints, sources.mapping
-    forms = () if path is None else contributions(ImportSource)
+    forms = () if path is None or "*" in path.name else contributions(ImportSource)
     return next((form for form in forms if load(form.reads)(path, mapping)), None)
-
-
-def _new_report(sources: ImportSources) -> ImportReport:
-    """Report for one pass over the sources, with the faults of the robot and what a source told."""
-    robot = sources.robots[0].robot.robot if sources.robots else None
-    return ImportReport(robot, list(sources.faults), list(sources.notes), list(sources.doubts))
 
 
 def _tool_note(sources: ImportSources) -> list[str]:
@@ -184,11 +178,6 @@ def _tool_note(sources: ImportSources) -> list[str]:
     return [f"{sources.robots[0].robot.robot.name}: the measured point is at {x:g}, {y:g}, {z:g} mm in {end}, as given"]
 
 
-def _measured_notes(sources: ImportSources) -> tuple[str, ...]:
-    """Notes on what a plug-in has measured."""
-    return () if sources.measured is None else sources.measured.notes
-
-
 def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
     """Tables of joints and points, without their faults; () for one that cannot be read."""
     paths = (sources.joints, sources.points)
@@ -198,96 +187,11 @@ def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
 
 def _pose_columns(sources: ImportSources, tables: Sequence[UserTable]) -> list[str]:
     """Column of each table that names the pose; "" where there is none."""
-    robot = sources.robots[0].robot.robot if sources.robots else None
+    report = ImportReport(sources.robots[0].robot.robot if sources.robots else None)
     found = [
-        recognised(ImportReport(robot), table, sources.mapping, positions=k > 0, joints=k == 0)
-        for k, table in enumerate(tables)
+        recognised(report, table, sources.mapping, positions=k > 0, joints=k == 0) for k, table in enumerate(tables)
     ]
-    if len(found) == 2:
-        found = list(named_by_values(tables[0], found[0], tables[1], found[1]))
-    return [meant.columns["pose"].name if "pose" in meant.columns else "" for meant in found]
-
-
-def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOutRows) -> ImportPlan:
-    """Plan of an import without the rows that are left out."""
-    table = _loaded(report, sources, sources.joints, left_out)
-    same = sources.points is None or (
-        sources.joints is not None and sources.points.resolve() == sources.joints.resolve()
-    )
-    other = None if same else _loaded(report, sources, sources.points, left_out)
-    tables = [each for each in (table, other) if each is not None]
-    for column in sources.mapping:
-        if tables and "*" not in column and not any(column in each.columns for each in tables):
-            report.fault(
-                f"--map {column}=...: no such column; there are {', '.join(c for t in tables for c in t.columns)}"
-            )
-    if not sources.robots and not sources.faults:
-        report.fault(_NO_ROBOT)
-    if sources.joints is None:
-        report.fault(
-            "no table of joint values was found: a CSV with a column a joint, q1, q2 ..., or the joints' names"
-        )
-    if table is None:
-        return _plan(report, sources, {}, None)
-    wants_points = same and not sources.scans and sources.measured is None
-    meant = recognised(report, table, sources.mapping, positions=wants_points)
-    columns = {table.path: (table, meant)}
-    of_points = meant
-    if other is not None:
-        of_points = recognised(report, other, sources.mapping, positions=True, joints=False)
-        meant, of_points = named_by_values(table, meant, other, of_points)
-        columns[table.path] = (table, meant)
-        by_name = None if "pose" in of_points.columns else named_places(report, table, meant, other)
-        if by_name is not None:
-            other = by_name
-            of_points = recognised(report, other, sources.mapping, positions=True, joints=False)
-        elif "pose" in meant.columns:
-            of_points = named_by_cells(report, table.text(meant.columns["pose"].name), other, of_points)
-        else:
-            of_points = named_by_cells(report, [], other, of_points)
-        other = without_strangers(report, table, pose_ids(ImportReport(None), table, meant), other, of_points)
-        columns[other.path] = (other, of_points)
-    elif not same:
-        return _plan(report, sources, columns, None)
-    if report.robot is not None and (wants_points or other is not None):
-        meant, other, of_points = _with_named_targets(report, columns, table, meant, other, of_points)
-    plan = _with_numbers(report, sources, columns, table, meant, other, of_points, left_out)
-    for i, fault in enumerate(report.faults):  # the file has its markers in the rows of the joints
-        if isinstance(fault, RowFault) and other is not None and fault.path == other.path:
-            report.faults[i] = replace(fault, path=sources.points or table.path)
-    return plan
-
-
-def _with_named_targets(
-    report: ImportReport,
-    columns: dict[Path, tuple[UserTable, Recognised]],
-    table: UserTable,
-    meant: Recognised,
-    other: UserTable | None,
-    of_points: Recognised,
-) -> tuple[Recognised, UserTable | None, Recognised]:
-    """Columns of the joints' table; table of points with a row for each marker, the tool's named "jig"; its columns.
-
-    Markers in the rows of the joints are no further columns of these.
-    """
-    assert report.robot is not None
-    points = table if other is None else other
-    markers = beside_each_other(of_points, points.columns)
-    if markers:
-        ids = pose_ids(ImportReport(None), table, meant)
-        rows = rows_of_points(report, table, ids, other, of_points)
-        if -1 in rows or len(rows) != len(points):
-            return meant, other, of_points
-        of_markers = {name for each in markers.values() for name in each}
-        other, of_points = in_rows(report, points, markers, [ids[row] for row in rows])
-        if points is table:
-            meant = replace(meant, rest=tuple(name for name in meant.rest if name not in of_markers))
-            columns[table.path] = (table, meant)
-        columns[other.path] = (other, of_points)
-    if other is not None and "target" in of_points.columns and all(axis in of_points.columns for axis in "xyz"):
-        other = with_tool_named(report, other, of_points, report.robot)
-        columns[other.path] = (other, of_points)
-    return meant, other, of_points
+    return [each.pose for each in (named_by_values(report, found[0], found[1]) if len(found) == 2 else found)]
 
 
 def _loaded(
@@ -311,146 +215,304 @@ def _loaded(
     except DatasetError as error:
         report.fault(str(error))
         return None
-    if table.is_turned:
+    if table.rows_are == COLUMN:
         report.notes.append(
             f"{path}: its names stand below each other and each pose is a column: it is turned, and a line "
             "that is told of it is a column's number"
         )
-    table, remarks = without_remarks(table)
-    report.notes += [remarks] if remarks else []
+    table = without_remarks(report, table)
     return table.without(lines) if lines else table
 
 
-def _with_numbers(
-    report: ImportReport,
-    sources: ImportSources,
-    columns: dict[Path, tuple[UserTable, Recognised]],
-    table: UserTable,
-    meant: Recognised,
-    other: UserTable | None,
-    of_points: Recognised,
-    left_out: LeftOutRows,
-) -> ImportPlan:
-    """Plan of an import from tables with recognised columns: their numbers, units, and the pose of each point."""
-    q_file = joint_values(report, table, meant)
-    by_plugin = sources.measured
-    seen = None if by_plugin is not None else point_values(report, other or table, of_points, needed=not sources.scans)
-    ids = pose_ids(report, table, meant)
-    row_of = rows_of_points(report, table, ids, other, of_points)
-    if q_file is None or report.robot is None or not np.isfinite(q_file).any():
-        return _plan(report, sources, columns, None, len(table))
-    n = report.robot.n_joints
-    names = [f"q{k + 1}" for k in range(n)]
-    near = None if seen is None else point_of_each_pose(q_file, seen, row_of)
-    units, how = joint_units(report.robot, q_file, [meant.columns[name].unit for name in names], near)
-    report.notes.append(
-        f"{table.path}: joints are {', '.join(meant.columns[name].name for name in names)}"
-        + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")
-    )
-    columns[table.path] = (table, _with_units(meant, names, units, _short(how)))
-    if other is None:
-        of_points = columns[table.path][1]
-    scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
-    commanded = q_file * scale
-    try:
-        told = [with_told_commands(each, meant, scale) for each in sources.robots]
-    except DatasetError as error:
-        report.fault(str(error))
-        return _plan(report, sources, columns, None, len(table))
-    q = told[0].robot.robot.joints_of(commanded)
-    if not sources.tables:
-        require_poses(report, table, meant, q)
-    sheet, off, unit = None, 1.0, "mm"
-    setups = table.text(meant.columns["setup"].name) if "setup" in meant.columns else []
-    if seen is not None and near is not None:
-        unit, how, off = points_unit(report, other or table, of_points, near, q)
-        of_points = _with_units(of_points, list("xyz"), [unit] * 3, "the arm's tool spreads so" if how else "")
-        columns[(other or table).path] = (other or table, of_points)
-        place = of_one_place(near, row_of, (other or table, of_points), setups)
-        sheet = Sheet(tuple(ids), q, place * LENGTHS_MM[unit])
-        seen = seen * LENGTHS_MM[unit]
-    if sources.joint_unit_is_unknown and not has_known_unit(report, told, sheet, meant, table.path):
-        return _plan(report, sources, columns, None, len(table))
-    taken = settled(report, told, sheet, meant, table.path, placement_columns(table, meant, other))
-    columns[table.path] = (table, taken.applied(columns[table.path][1], units))
-    robot_file = taken.robot
-    commanded = commanded[:, list(taken.joints.order)]
-    q = robot_file.robot.joints_of(commanded)
-    if other is not None and seen is not None and "target" in of_points.columns:
-        robot, kept = with_targets(report, robot_file.robot, other, of_points, row_of, q, seen, setups)
-        robot_file = replace(robot_file, robot=robot)
-        other, seen, row_of = other.of_rows(kept), seen[kept], [row_of[i] for i in kept]
-    report.robot = robot_file.robot
-    if sheet is not None and off > 1.0 and near is not None:
-        require_near_spread(report, other or table, of_points, *length_unit(report.robot, q, near))
-    if other is not None and of_points.rest:
-        report.notes.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
-    if sheet is not None and other is None and has_flange_poses(table):
-        known = np.isfinite(sheet.points_mm).all(axis=1) & np.isfinite(q).all(axis=1)
-        off_mm = table_disagreement_mm(report.robot, q[known], sheet.points_mm[known])
-        if off_mm is not None and off_mm < _COMPUTED_MM:
+class _Planning:
+    """An import as it is planned: each step reads what the ones before have found.
+
+    `joints` and `points` are the tables with the meaning of their columns; `points` is None where the joints' rows have
+    the points, or where there are none.
+    """
+
+    def __init__(self, sources: ImportSources, left_out: LeftOutRows = NOTHING_LEFT_OUT) -> None:
+        robot = sources.robots[0].robot.robot if sources.robots else None
+        self.sources, self.left_out = sources, left_out
+        self.report = ImportReport(robot, list(sources.faults), list(sources.notes), list(sources.doubts))
+        self.report.notes += [*left_out.notes, *_tool_note(sources), *_measured_notes(sources)]
+        self.joints: MeantTable | None = None
+        self.points: MeantTable | None = None
+        self.ids: list[str] = []
+        self.row_of: list[int] = []  # row of the joints of each point
+        self.scan_of: dict[int, Path] = {}  # by the row of the joints
+        self.robot_file = sources.robots[0].robot if sources.robots else None
+
+    def plan(self, content: Content | None = None, preview: Dataset | None = None) -> ImportPlan:
+        """Plan with what was found so far, which has faults where there is no content."""
+        report, tables = self.report, [each for each in (self.joints, self.points) if each is not None]
+        columns = [planned for table in tables for planned in _planned(table, self.sources.mapping)]
+        return ImportPlan(
+            self.robot_file, tuple(columns), tuple(report.notes), tuple(report.doubts), tuple(map(str, report.faults)),
+            content, 0 if self.joints is None else len(self.joints.table), preview, left_out=tuple(report.left_out),
+        )  # fmt: skip
+
+    def of_rows(self) -> ImportPlan:
+        """Plan of the import without the rows that are left out."""
+        report, sources = self.report, self.sources
+        table = _loaded(report, sources, sources.joints, self.left_out)
+        same = sources.points is None or (
+            sources.joints is not None and sources.points.resolve() == sources.joints.resolve()
+        )
+        other = None if same else _loaded(report, sources, sources.points, self.left_out)
+        tables = [each for each in (table, other) if each is not None]
+        for column in sources.mapping:
+            if tables and "*" not in column and not any(column in each.columns for each in tables):
+                report.fault(
+                    f"--map {column}=...: no such column; there are {', '.join(c for t in tables for c in t.columns)}"
+                )
+        if not sources.robots and not sources.faults:
+            report.fault(_NO_ROBOT)
+        if sources.joints is None:
+            report.fault(
+                "no table of joint values was found: a CSV with a column a joint, q1, q2 ..., or the joints' names"
+            )
+        if table is None:
+            return self.plan()
+        wants_points = same and not sources.scans and sources.measured is None
+        self.joints = recognised(report, table, sources.mapping, positions=wants_points)
+        if same and wants_points:
+            self.joints, self.points = parted(report, self.joints)
+        elif other is not None:
+            self.points = recognised(report, other, sources.mapping, positions=True, joints=False)
+            self.joints, self.points = named_by_values(report, self.joints, self.points)
+            if not self.points.pose and (of_visits := named_places(report, self.joints, other)) is not None:
+                self.points = recognised(report, of_visits, sources.mapping, positions=True, joints=False)
+        else:
+            if not same:
+                return self.plan()
+        self.ids = pose_ids(report, self.joints)
+        if sources.scans and sources.measured is None:
+            self._match_scans()
+        self.row_of = list(range(len(self.ids)))
+        if self.points is not None:
+            self.points, self.row_of = rows_of_points(report, self.joints, self.ids, self.points)
+        if report.robot is not None and (wants_points or self.points is not None):
+            self._name_targets()
+        plan = self._of_numbers()
+        path = sources.points or table.path  # the file has its markers in the rows of the joints
+        made = None if self.points is None or self.points.path.exists() else self.points.path
+        report.faults = [
+            replace(f, path=path) if isinstance(f, RowFault) and f.path == made else f for f in report.faults
+        ]
+        return replace(plan, faults=tuple(map(str, report.faults)))
+
+    def _match_scans(self) -> None:
+        """Find the pose of each scan; poses without one are left out where there are no points."""
+        assert self.joints is not None
+        report, scans, joints = self.report, self.sources.scans, self.joints
+        told = joints.cells("scan")
+        if told:
+            self.scan_of = {i: scans[Path(name).stem] for i, name in enumerate(told) if Path(name).stem in scans}
+        else:
+            rows, how = files_of_rows(scans, joints.table, self.ids)
+            self.scan_of = {row: scans[stem] for stem, row in rows.items()}
+            if how:
+                folder = next(iter(scans.values())).parent
+                report.notes.append(f"{folder}: scans are matched to the poses of {joints.path.name} {how}")
+        strange = [path for path in scans.values() if path not in self.scan_of.values()]
+        if not self.scan_of:
+            report.fault(
+                f"{joints.path}: no scan is named as its poses are: {self.ids[0][:40]!r} ... and "
+                f"{strange[0].name[:60]!r} ...; name them alike, or add a column scan with each pose's file"
+            )
+            return
+        if strange:
+            why = f"no pose of {joints.path.name} has its name"
+            report.left_out += [LeftOutRow(path.name, 1, path.stem, why) for path in strange]
+            count, shown = len(strange), numbers.in_short([path.name for path in strange], _MOST_NAMED)
+            report.notes.append(f"{numbers.count(count, 'scan')} of no pose left out: {shown}")
+        kept = [i for i in range(len(self.ids)) if i in self.scan_of]
+        if self.points is None and len(kept) < len(self.ids):
+            gone = [name for i, name in enumerate(self.ids) if i not in self.scan_of]
+            report.notes.append(
+                f"{joints.path}: {numbers.count(len(gone), 'pose')} without a scan left out: "
+                f"{numbers.in_short(gone, _MOST_NAMED)}"
+            )
+            self.joints, self.ids = joints.of_rows(kept), [self.ids[i] for i in kept]
+            self.scan_of = {new: self.scan_of[old] for new, old in enumerate(kept)}
+
+    def _name_targets(self) -> None:
+        """Part markers beside each other into rows, and name the tool's "jig".
+
+        Markers in the rows of the joints are no further columns of these.
+        """
+        report, joints = self.report, self.joints
+        assert report.robot is not None
+        assert joints is not None
+        points = self.points or joints
+        markers = beside_each_other(points.meant, points.table.columns)
+        if markers:
+            if -1 in self.row_of or len(self.row_of) != len(points.table):
+                return
+            of_markers = {name for each in markers.values() for name in each}
+            poses = [self.ids[row] for row in self.row_of]
+            self.points = in_rows(report, points.table, markers, poses)
+            if points is joints:
+                rest = [name for name in joints.meant.rest if name not in of_markers]
+                self.joints = joints.with_columns(joints.meant.columns, rest)
+            self.row_of = list(matched(self.points.cells("pose"), self.ids).pose)
+        if self.points is not None and self.points.has_points and "target" in self.points.meant.columns:
+            self.points, kept = with_tool_named(report, self.points, report.robot)
+            self.row_of = [self.row_of[i] for i in kept]
+
+    def _of_numbers(self) -> ImportPlan:
+        """Plan from tables with recognised columns: their numbers, units, and the pose of each point."""
+        report, sources, joints = self.report, self.sources, self.joints
+        assert joints is not None
+        q_file = joint_values(report, joints)
+        by_plugin = sources.measured
+        points = self.points or joints
+        seen = None if by_plugin is not None else point_values(report, points, needed=not sources.scans)
+        if q_file is None or report.robot is None or not np.isfinite(q_file).any():
+            return self.plan()
+        n = report.robot.n_joints
+        names = [f"q{k + 1}" for k in range(n)]
+        columns = [joints.meant.columns[name] for name in names]
+        near = None if seen is None else point_of_each_pose(len(q_file), seen, self.row_of)
+        units, how = joint_units(report.robot, q_file, [column.unit for column in columns], near)
+        report.notes.append(
+            f"{joints.path}: joints are {', '.join(column.name for column in columns)}"
+            + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")
+        )
+        joints = self.joints = _with_units(joints, names, units, _short(how))
+        points = self.points or joints
+        scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
+        commanded = q_file * scale
+        try:
+            told = [with_told_commands(each, joints.meant, scale) for each in sources.robots]
+        except DatasetError as error:
+            report.fault(str(error))
+            return self.plan()
+        q = told[0].robot.robot.joints_of(commanded)
+        if not sources.tables:
+            require_poses(report, joints, q)
+        sheet, off = None, 1.0
+        setups = joints.cells("setup")
+        if seen is not None and near is not None:
+            unit, how, off = points_unit(report, points, near, q)
+            points = _with_units(points, list("xyz"), [unit] * 3, "the arm's tool spreads so" if how else "")
+            if self.points is None:
+                joints = self.joints = points
+            else:
+                self.points = points
+            place = of_one_place(near, seen, self.row_of, points.cells("target"), setups)
+            sheet = Sheet(tuple(self.ids), q, place * LENGTHS_MM[unit])
+            seen = seen * LENGTHS_MM[unit]
+        if sources.joint_unit_is_unknown and not has_known_unit(report, told, sheet, joints):
+            return self.plan()
+        taken = settled(report, told, sheet, joints, placement_columns(joints, self.points))
+        commanded = commanded[:, list(taken.joints.order)]
+        q = taken.robot.robot.joints_of(commanded)
+        joints = self.joints = replace(joints, meant=taken.applied(joints.meant, units))
+        self.robot_file = taken.robot
+        if self.points is not None and seen is not None and "target" in points.meant.columns:
+            robot, kept = with_targets(report, taken.robot.robot, points, self.row_of, q, seen, setups)
+            self.robot_file = replace(taken.robot, robot=robot)
+            self.points, seen = points.of_rows(kept), seen[kept]
+            self.row_of = [self.row_of[i] for i in kept]
+        report.robot = self.robot_file.robot
+        if sheet is not None and off > 1.0 and near is not None:
+            require_near_spread(report, points, *length_unit(report.robot, q, near))
+        if self.points is not None and self.points.meant.rest:
+            report.notes.append(f"{points.path}: other columns are left out: {', '.join(self.points.meant.rest)}")
+        if sheet is not None and self.points is None and has_flange_poses(joints.table):
+            self._doubt_computed(sheet, q)
+        self._compare_with_controller(q)
+        if by_plugin is not None and not report.faults:
+            try:
+                by_plugin = by_plugin.settled(report.robot, self.ids, q, setups)
+                report.notes += by_plugin.notes[len(_measured_notes(sources)) :]
+            except CalibError as error:
+                report.fault(str(error))
+                return self.plan()
+        measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
+        if points.length is not None:
+            measured = np.isin(np.arange(len(self.ids)), self.row_of)
+        if by_plugin is not None:
+            measured = np.isin(self.ids, by_plugin.names)
+        scans = (
+            [self.scan_of[i].name if i in self.scan_of else "" for i in range(len(self.ids))] if self.scan_of else []
+        )
+        poses_csv = poses_text(report, joints, self.ids, commanded, scans, measured)
+        names_of_points = [self.ids[row] for row in self.row_of if row >= 0]
+        points_csv = None if by_plugin is None else by_plugin.points_text(self.ids)
+        if points.length is not None:
+            points_csv = lengths_text(report, points, names_of_points)
+        if report.faults:
+            return self.plan()
+        if seen is not None:
+            points_csv = points_text(self.points or joints, names_of_points, seen)
+        return self._checked(poses_csv, points_csv, by_plugin)
+
+    def _checked(self, poses_csv: str, points_csv: str | None, by_plugin: MeasuredPoses | None) -> ImportPlan:
+        """Plan with the content of the dataset, if it can be read."""
+        report, sources = self.report, self.sources
+        assert report.robot is not None
+        assert self.robot_file is not None
+        assert sources.joints is not None
+        if points_csv is None and sources.point_sigma_mm is not None:
             report.doubts.append(
-                f"{table.path}: its points agree with the robot's table to {off_mm:.1g} mm, and turns stand beside "
-                "them: they are the pose that the controller computes from the joints and measure nothing; give "
+                "the sigma of a measured point is not used: these data have scans and no measured points"
+            )
+        meshes, of_meshes = stl_of_links(self.robot_file.meshes)
+        report.notes += of_meshes
+        content = Content(
+            report.robot, poses_csv, points_csv, {path.stem: path for path in self.scan_of.values()},
+            f"imported from {sources.joints.name}", sources.robots[0].path,
+            point_sigma_mm=None if points_csv is None else sources.point_sigma_mm,
+            place_sigma_mm=None if points_csv is None else sources.place_sigma_mm, notes=self.left_out.notes,
+            measured=by_plugin, meshes=meshes,
+        )  # fmt: skip
+        try:
+            preview = checked(content)
+        except DatasetError as error:
+            report.fault(f"{sources.joints}: {error}")
+            return self.plan()
+        return self.plan(content, preview)
+
+    def _doubt_computed(self, sheet: Sheet, q: Array) -> None:
+        """Doubt points that the robot's table gives, too: a controller's own, computed from the joints."""
+        assert self.joints is not None
+        assert self.report.robot is not None
+        known = np.isfinite(sheet.points_mm).all(axis=1) & np.isfinite(q).all(axis=1)
+        off_mm = table_disagreement_mm(self.report.robot, q[known], sheet.points_mm[known])
+        if off_mm is not None and off_mm < _COMPUTED_MM:
+            self.report.doubts.append(
+                f"{self.joints.path}: its points agree with the robot's table to {off_mm:.1g} mm, and turns stand "
+                "beside them: they are the pose that the controller computes from the joints and measure nothing; give "
                 "measured ones by --points FILE"
             )
-    measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
-    if length_column(of_points) is not None:
-        measured = np.isin(np.arange(len(ids)), row_of)
-    _compare_with_controller(report, table, q)
-    if by_plugin is not None and not report.faults:
-        try:
-            by_plugin = by_plugin.settled(report.robot, ids, q, setups)
-            report.notes += by_plugin.notes[len(_measured_notes(sources)) :]
-        except CalibError as error:
-            report.fault(str(error))
-            return _plan(report, sources, columns, None, len(table), robot_file)
-    if by_plugin is not None:
-        measured = np.isin(ids, by_plugin.names)
-    poses_csv = poses_text(report, table, columns[table.path][1], ids, commanded, sources.scans, measured)
-    of_lengths = None
-    if length_column(of_points) is not None:
-        of_lengths = lengths_text(report, other or table, of_points, [(i, ids[row]) for i, row in enumerate(row_of)])
-    if report.faults:
-        return _plan(report, sources, columns, None, len(table), robot_file)
-    points_csv = of_lengths if by_plugin is None else by_plugin.points_text(ids)
-    if seen is not None:
-        points_csv = points_text(other or table, of_points, [ids[i] for i in row_of], seen)
-    if points_csv is None and sources.point_sigma_mm is not None:
-        report.doubts.append("the sigma of a measured point is not used: these data have scans and no measured points")
-    meshes, of_meshes = stl_of_links(robot_file.meshes)
-    report.notes += of_meshes
-    content = Content(
-        report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path,
-        point_sigma_mm=None if points_csv is None else sources.point_sigma_mm,
-        place_sigma_mm=None if points_csv is None else sources.place_sigma_mm, notes=left_out.notes, measured=by_plugin,
-        meshes=meshes,
-    )  # fmt: skip
-    try:
-        preview = checked(content)
-    except DatasetError as error:
-        report.fault(f"{table.path}: {error}")
-        return _plan(report, sources, columns, None, len(table), robot_file)
-    return replace(_plan(report, sources, columns, content, len(table), robot_file), preview=preview)
+
+    def _compare_with_controller(self, q: Array) -> None:
+        """Note, or doubt, on whether the poses that the controller wrote down are those of the robot's table."""
+        assert self.joints is not None
+        table, robot = self.joints.table, self.report.robot
+        by_base = {split_unit(name)[0]: name for name in table.columns}
+        found = own_pose_columns(list(by_base))
+        if found is None or robot is None:
+            return
+        names = [by_base[base] for base in found]
+        places = np.column_stack([table.numbers(name, lambda _: None) for name in names])
+        known = np.isfinite(places).all(axis=1) & np.isfinite(q).all(axis=1)
+        if not known.any():
+            return
+        unit = split_unit(names[0])[1]
+        unit = unit if unit in LENGTHS_MM else length_unit(robot, q[known], places[known])[0]
+        off_mm = table_disagreement_mm(robot, q[known], places[known] * LENGTHS_MM[unit])
+        if off_mm is not None:
+            agrees, sentence = own_pose_told(f"{table.path}: {names[0]} ...", off_mm)
+            (self.report.notes if agrees else self.report.doubts).append(sentence)
 
 
-def _compare_with_controller(report: ImportReport, table: UserTable, q: Array) -> None:
-    """Note, or doubt, on whether the poses that the controller wrote down are those of the robot's table."""
-    by_base = {split_unit(name)[0]: name for name in table.columns}
-    found = own_pose_columns(list(by_base))
-    if found is None or report.robot is None:
-        return
-    names = [by_base[base] for base in found]
-    places = np.column_stack([table.numbers(name, lambda _: None) for name in names])
-    known = np.isfinite(places).all(axis=1) & np.isfinite(q).all(axis=1)
-    if not known.any():
-        return
-    unit = split_unit(names[0])[1]
-    unit = unit if unit in LENGTHS_MM else length_unit(report.robot, q[known], places[known])[0]
-    off_mm = table_disagreement_mm(report.robot, q[known], places[known] * LENGTHS_MM[unit])
-    if off_mm is not None:
-        agrees, sentence = own_pose_told(f"{table.path}: {names[0]} ...", off_mm)
-        (report.notes if agrees else report.doubts).append(sentence)
+def _measured_notes(sources: ImportSources) -> tuple[str, ...]:
+    """Notes on what a plug-in has measured."""
+    return () if sources.measured is None else sources.measured.notes
 
 
 def _short(how: str) -> str:
@@ -458,45 +520,21 @@ def _short(how: str) -> str:
     return f"the largest is {how.rpartition(' ')[2]}" if how else ""
 
 
-def _with_units(meant: Recognised, names: list[str], units: list[str], how: str) -> Recognised:
-    """The recognised columns with the units that were found and the reason."""
-    columns = dict(meant.columns)
+def _with_units(table: MeantTable, names: list[str], units: list[str], how: str) -> MeantTable:
+    """The table's columns with the units that were found and the reason."""
+    columns = dict(table.meant.columns)
     for name, unit in zip(names, units, strict=True):
-        column = columns[name]
-        if not column.unit:
-            why = f"{column.why}; {unit}: {how}" if how else column.why
-            columns[name] = replace(column, unit=unit, why=why)
-    return Recognised(columns, meant.rest, meant.faults)
+        if not columns[name].unit:
+            why = f"{columns[name].why}; {unit}: {how}" if how else columns[name].why
+            columns[name] = replace(columns[name], unit=unit, why=why)
+    return table.with_columns(columns)
 
 
-def _plan(
-    report: ImportReport,
-    sources: ImportSources,
-    tables: Mapping[Path, tuple[UserTable, Recognised]],
-    content: Content | None,
-    poses: int = 0,
-    robot: RobotFile | None = None,
-) -> ImportPlan:
-    columns = [planned for table, meant in tables.values() for planned in _planned(table, meant, sources.mapping)]
-    if robot is None and sources.robots:
-        robot = sources.robots[0].robot
-    return ImportPlan(
-        robot,
-        tuple(columns),
-        tuple(report.notes),
-        tuple(report.doubts),
-        tuple(map(str, report.faults)),
-        content,
-        poses,
-        left_out=tuple(report.left_out),
-    )
-
-
-def _planned(table: UserTable, meant: Recognised, mapping: Mapping[str, Meaning]) -> list[PlannedColumn]:
-    by_name = {column.name: column for column in meant.columns.values()}
+def _planned(table: MeantTable, mapping: Mapping[str, Meaning]) -> list[PlannedColumn]:
+    by_name = {column.name: column for column in table.meant.columns.values()}
     out = []
-    for k, name in enumerate(table.columns[:_MOST_SHOWN]):
-        examples = tuple(row[k] for row in table.rows[:_EXAMPLES])
+    for k, name in enumerate(table.table.columns[:_MOST_SHOWN]):
+        examples = tuple(row[k] for row in table.table.rows[:_EXAMPLES])
         column = by_name.get(name)
         if column is None:
             ignored = name in mapping and mapping[name].name == "ignore"

@@ -11,24 +11,29 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
+from calib.consistency.own_pose import own_pose_columns
 from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import (
     AS_MAPPED,
     Column,
     Meaning,
     Recognised,
+    is_exact,
     length_column,
+    names_poses,
     numbered_joints,
     point_groups,
     recognise,
 )
 from calib.dataset_import.flange_columns import has_flange_poses
+from calib.dataset_import.pose_names import SAME_NAMES, comparable_id, matched
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
+from calib.text_files.column_names import plain, split_unit
 from calib.text_files.csv_text import as_number
-from calib.text_files.user_table import Fault, RowFault, UserTable, plain, split_unit
+from calib.text_files.user_table import Fault, RowFault, UserTable
 
 _MOST_FAULTS = 20
 _MOST_PLACES = 8  # that a fault lists
@@ -38,12 +43,13 @@ _FOLLOWS, _STANDS = 1e-3, 0.1  # of its range, by which a column may miss a sum 
 _WHOLE = 0.01  # by which the shares of such a sum may miss whole numbers
 _RECORDED = 300  # rows, from which a table may be a recording
 _SMALL_STEP = 0.05  # of the whole motion, between two rows of a recording
+_SAME_JOINT = 1e-3  # deg, rad, mm, up to which readings are of one pose
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
 
 
 @dataclass(frozen=True)
 class LeftOutRow:
-    """A row of a table of points that belongs to no pose, as of a nest or a drift point."""
+    """A row of a user's file that is no pose and no point of one: of a nest, a drift point, a mean, or limits."""
 
     file: str
     row: int  # the line of the file
@@ -85,10 +91,58 @@ class ImportReport:
         raise DatasetError("\n  ".join([f"nothing was written, {len(self.faults)} faults:", *shown, *more]))
 
 
+@dataclass(frozen=True)
+class MeantTable:
+    """A user's table with the meaning of its columns."""
+
+    table: UserTable
+    meant: Recognised
+
+    @property
+    def path(self) -> Path:
+        """File of the table."""
+        return self.table.path
+
+    @property
+    def has_points(self) -> bool:
+        """Whether columns hold a point."""
+        return all(axis in self.meant.columns for axis in "xyz")
+
+    @property
+    def length(self) -> Column | None:
+        """Column of measured lengths; None where there is none."""
+        return length_column(self.meant)
+
+    @property
+    def pose(self) -> str:
+        """Column that names the poses; "" where there is none."""
+        return self.named("pose")
+
+    def named(self, meaning: str) -> str:
+        """Name of the column of a meaning; "" where there is none."""
+        column = self.meant.columns.get(meaning)
+        return "" if column is None else column.name
+
+    def cells(self, meaning: str) -> list[str]:
+        """Cells of the column of a meaning; [] where there is none."""
+        name = self.named(meaning)
+        return self.table.text(name) if name else []
+
+    def of_rows(self, kept: Sequence[int]) -> MeantTable:
+        """Some rows of the table."""
+        return replace(self, table=self.table.of_rows(kept))
+
+    def with_columns(self, columns: Mapping[str, Column], rest: Sequence[str] | None = None) -> MeantTable:
+        """The same table with other meanings; what they leave of its columns is the rest."""
+        used = {column.name for column in columns.values()}
+        rest = [name for name in (self.meant.rest if rest is None else rest) if name not in used]
+        return replace(self, meant=Recognised(columns, tuple(rest), self.meant.faults))
+
+
 def recognised(
     report: ImportReport, table: UserTable, mapping: Mapping[str, Meaning], *, positions: bool, joints: bool = True
-) -> Recognised:
-    """Recognised columns of a table; missing ones are reported as faults."""
+) -> MeantTable:
+    """Table with recognised columns; missing ones are reported as faults."""
     robot, by_place = report.robot, None
     if not table.has_header and robot is not None:
         wanted = [f"q{k + 1}" for k in range(robot.n_joints)] if joints else []
@@ -147,7 +201,7 @@ def recognised(
                 f"{table.path}: line 1: no column for {', '.join(missing)}{_several(table)}; found {have}; tell with "
                 "--map column=x"
             )
-    return found
+    return MeantTable(table, found)
 
 
 def moving_joints(table: UserTable, robot: Robot) -> list[str]:
@@ -171,10 +225,13 @@ def moving_joints(table: UserTable, robot: Robot) -> list[str]:
 def _several(table: UserTable) -> str:
     """Part of a sentence that tells how to choose one of several points with names of their own."""
     groups = point_groups(table.columns)
-    if len(groups) < 2:
+    own = own_pose_columns([split_unit(name)[0] for name in table.columns])
+    if len(groups) < 2 and own is None:
         return ""
-    first, *_ = groups.values()
+    first = next(iter(groups.values())) if groups else [n for n in table.columns if split_unit(n)[0] in (own or ())]
     typed = " ".join(f"--map '{name}={axis}'" for name, axis in zip(first, "xyz", strict=True))
+    if len(groups) < 2:
+        return f"; {first[0]} ... are named as the pose that a controller computes; if measured, say so by {typed}"
     return f"; several points stand there, {', '.join(groups)}: say which by {typed}"
 
 
@@ -191,54 +248,55 @@ def _has_points_first(table: UserTable, start: int) -> bool:
     return bool(max(columns[:3]) > _MOST_DEG >= max(columns[3:]))
 
 
-def joint_values(report: ImportReport, table: UserTable, meant: Recognised) -> Array | None:
+def joint_values(report: ImportReport, joints: MeantTable) -> Array | None:
     """Joint values (N, n) in the file's units; None, with a fault, where columns are missing."""
+    columns = joints.meant.columns
     if report.robot is None:  # its cells are judged all the same
-        for name, column in meant.columns.items():
-            if quantity_of(name) == "q":
-                _numbers(report, table, column.name)
+        for meaning, column in columns.items():
+            if quantity_of(meaning) == "q":
+                _numbers(report, joints.table, column.name)
         return None
     names = [f"q{k + 1}" for k in range(report.robot.n_joints)]
-    if not all(name in meant.columns for name in names):
+    if not all(name in columns for name in names):
         return None
     for k, (name, joint) in enumerate(zip(names, report.robot.joints, strict=True)):
-        unit = meant.columns[name].unit
+        unit = columns[name].unit
         if unit and unit not in (ANGLES_RAD if joint.is_revolute else LENGTHS_MM):
             report.fault(
-                f"{table.path}: line 1, column {meant.columns[name].name}: {unit} is no unit of joint {k + 1} "
+                f"{joints.path}: line 1, column {columns[name].name}: {unit} is no unit of joint {k + 1} "
                 f"({joint.name}), which is {joint.type}"
             )
-    return np.column_stack([_numbers(report, table, meant.columns[name].name) for name in names])
+    return np.column_stack([_numbers(report, joints.table, columns[name].name) for name in names])
 
 
-def point_values(report: ImportReport, table: UserTable, meant: Recognised, *, needed: bool) -> Array | None:
+def point_values(report: ImportReport, points: MeantTable, *, needed: bool) -> Array | None:
     """Points (M, 3) in the file's unit; None where there are none."""
-    if not all(axis in meant.columns for axis in "xyz"):
+    table, columns = points.table, points.meant.columns
+    if not points.has_points:
         is_told = any(str(fault).startswith(f"{table.path}: line 1: no ") for fault in report.faults)
-        if needed and not is_told and length_column(meant) is None and not any(a in meant.columns for a in "xyz"):
+        if needed and not is_told and points.length is None and not any(axis in columns for axis in "xyz"):
             report.fault(
                 f"{table.path}: line 1: no columns x, y, z{_several(table)}; give --points FILE.csv, --scans FOLDER or "
                 "--map column=x"
             )
         return None
-    points = np.column_stack([_coordinate(report, table, meant.columns[axis].name) for axis in "xyz"])
-    blank = np.array([[not cell for cell in table.text(meant.columns[axis].name)] for axis in "xyz"]).T
+    found = np.column_stack([coordinates(report, table, columns[axis].name) for axis in "xyz"])
+    blank = np.array([[not cell for cell in points.cells(axis)] for axis in "xyz"]).T
     for i in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1)):
-        named = " and ".join(meant.columns["xyz"[k]].name for k in np.flatnonzero(blank[i]))
-        found = f"{named} is empty; fill it in, or leave all three empty"
-        report.fault(RowFault(table.path, table.lines[i], found))
-    return points
+        named = " and ".join(columns["xyz"[k]].name for k in np.flatnonzero(blank[i]))
+        report.fault(table.fault(int(i), f"{named} is empty; fill it in, or leave all three empty"))
+    return found
 
 
 def _numbers(report: ImportReport, table: UserTable, name: str) -> Array:
     """Numbers of a column; NaN, with a fault, for cells without a number or with one beyond any arm."""
     values = table.numbers(name, report.fault)
     for i in np.flatnonzero(np.abs(values) > _MOST):
-        report.fault(RowFault(table.path, table.lines[i], f"found {values[i]:g}, which is far too large", name))
+        report.fault(table.fault(int(i), f"found {values[i]:g}, which is far too large", name))
     return np.where(np.abs(values) > _MOST, np.nan, values)
 
 
-def _coordinate(report: ImportReport, table: UserTable, name: str) -> Array:
+def coordinates(report: ImportReport, table: UserTable, name: str) -> Array:
     """Coordinates of a column; NaN for an empty cell, a point that was not measured."""
     blank = [not cell for cell in table.text(name)]
     if not any(blank):
@@ -247,168 +305,169 @@ def _coordinate(report: ImportReport, table: UserTable, name: str) -> Array:
     return np.where(blank, np.nan, _numbers(report, filled, name))
 
 
-def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[str]:
+def pose_ids(report: ImportReport, joints: MeantTable) -> list[str]:
     """Pose names of the rows of joints: from the table, else p1, p2, ..."""
-    if "pose" not in meant.columns:
+    table = joints.table
+    if not joints.pose:
         return [f"p{table.position(i) + 1}" for i in range(len(table))]
-    ids = table.text(meant.columns["pose"].name)
+    ids = joints.cells("pose")
     first: dict[str, int] = {}
     for i, name in enumerate(ids):
         if not name:
-            report.fault(RowFault(table.path, table.lines[i], "the cell is empty", meant.columns["pose"].name))
+            report.fault(table.fault(i, "the cell is empty", joints.pose))
         elif first.setdefault(name, i) != i:
-            line = table.lines[first[name]]
-            where = f"{table.path}: line {table.lines[i]}: pose {name!r} stands in line {line} too"
-            if "target" in meant.columns:
-                report.fault(
-                    f"{where}; several targets of a pose need two tables: --joints with a row a pose, --points "
-                    "with pose, target, x, y, z"
-                )
-                break
-            report.fault(f"{where}; each needs its own")
+            where = f"{table.path}: line {table.lines[i]}: pose {name!r} stands in line {table.lines[first[name]]} too"
+            report.fault(f"{where}, at other joint values; each needs its own")
     return ids
 
 
-def named_by_values(
-    table: UserTable, meant: Recognised, other: UserTable, of_points: Recognised
-) -> tuple[Recognised, Recognised]:
-    """Recognised columns of the tables of joints and of points, the poses' names by the values that both have.
+def parted(report: ImportReport, joints: MeantTable) -> tuple[MeantTable, MeantTable | None]:
+    """Table of a row a pose, and one of the points, where a table has several readings or targets of a pose in rows.
+
+    Rows of one pose have the same joint values, or have these and the pose's name in the first row alone.
+    """
+    table, columns = joints.table, joints.meant.columns
+    values = [column.name for meaning, column in columns.items() if quantity_of(meaning) == "q"]
+    if not values or not joints.has_points or not joints.pose:
+        return joints, None
+    at, where = table.columns.index(joints.pose), [table.columns.index(name) for name in values]
+    first: dict[str, int] = {}
+    rows, name = [], ""
+    for i, row in enumerate(table.rows):
+        own = [row[k] for k in where]
+        name = row[at] if row[at] or any(own) else name
+        start = first.setdefault(name, i)
+        if start != i and any(own) and not _are_equal(own, [table.rows[start][k] for k in where]):
+            return joints, None
+        rows.append((*row[:at], name, *row[at + 1 :]))
+    if len(first) == len(table) or "" in first:
+        return joints, None
+    every = replace(table, rows=tuple(rows), path=table.path.with_name(f"{table.path.name} (points)"))
+    report.notes.append(f"{table.path}: {len(table)} rows are readings at {len(first)} poses")
+    of_point = {key: column for key, column in columns.items() if key in ("pose", "target", *"xyz") or is_exact(key)}
+    of_pose = {key: column for key, column in columns.items() if key == "pose" or key not in of_point}
+    rest = [*joints.meant.rest]
+    return (
+        joints.of_rows(list(first.values())).with_columns(of_pose, rest),
+        MeantTable(every, joints.meant).with_columns(of_point, ()),
+    )
+
+
+def _are_equal(cells: Sequence[str], others: Sequence[str]) -> bool:
+    """Whether joint values are the same, but for a controller's last digits."""
+    pairs = [(as_number(a), as_number(b)) for a, b in zip(cells, others, strict=True)]
+    return all(a is not None and b is not None and abs(a - b) <= _SAME_JOINT for a, b in pairs)
+
+
+def named_by_values(report: ImportReport, joints: MeantTable, points: MeantTable) -> tuple[MeantTable, MeantTable]:
+    """The tables with the columns that name the poses, found by the values that both have.
 
     Whatever two columns are called: where at least half of the points have a name that stands once in a column of the
-    joints, that column names the poses. What the user maps stays.
+    joints, that column names the poses. One that merely counts the rows gives way to another. What the user maps stays.
+    A target that is the same in all rows and none of the robot's is the kind of the reflector.
     """
-    if any(one.columns["pose"].why == AS_MAPPED for one in (meant, of_points) if "pose" in one.columns):
-        return meant, of_points
-    best, pair = 0, None
-    for name in _possible_names(meant):
-        cells = list(map(comparable_id, filter(None, table.text(name))))
-        if len(set(cells)) != len(cells):
+    is_told = any(one.pose and one.meant.columns["pose"].why == AS_MAPPED for one in (joints, points))
+    ids = [] if joints.pose or is_told else pose_ids(report, joints)
+    best, pair = (False, 0.0), None
+    for name in () if is_told else (*_possible_names(joints), *([""] if ids else [])):
+        cells = joints.table.text(name) if name else ids
+        if len(set(map(comparable_id, cells))) < len(cells):
             continue
-        for of_point in _possible_names(of_points):
-            told = [cell for cell in map(comparable_id, other.text(of_point)) if cell in set(cells)]
-            by_header = _is_pose(meant, name) and _is_pose(of_points, of_point)
-            are_words = by_header or not all(cell.startswith("#") for cell in told)
-            if are_words and len(told) > 1 and 2 * len(told) >= len(other) and len(told) + by_header > best:
-                best, pair = len(told) + by_header, (name, of_point)
-    if pair is None:
-        return meant, of_points
-    return _with_pose(meant, pair[0], other), _with_pose(of_points, pair[1], table)
+        for of_point in _possible_names(points):
+            names = points.table.text(of_point)
+            found, by_header = (
+                matched(names, cells),
+                (not name or _may_name(joints, name)) and _may_name(points, of_point),
+            )
+            words = any(comparable_id(name)[:1] != "#" for name in names)
+            if (
+                found.count < 2
+                or 2 * found.count < len(names)
+                or not (by_header or (words and found.how in SAME_NAMES))
+            ):
+                continue
+            score = (not _counts_rows(names), found.count + 0.5 * (points.pose == of_point and joints.pose == name))
+            if pair is None or score > best:
+                best, pair = score, (name, of_point)
+    if pair is not None:
+        joints = _with_pose(joints, pair[0], points) if pair[0] else joints
+        points = _with_pose(points, pair[1], joints)
+    kinds = set(points.cells("target"))
+    known = {"jig"} | ({each.name for each in report.robot.targets} if report.robot is not None else set())
+    if len(kinds) == 1 and not kinds <= known:
+        name = points.named("target")
+        report.notes.append(f"{points.path}: column {name} is {kinds.pop()!r} in all rows and left out")
+        columns = {key: column for key, column in points.meant.columns.items() if key != "target"}
+        points = points.with_columns(columns, [*points.meant.rest, name])
+    return joints, points
 
 
-def _is_pose(meant: Recognised, name: str) -> bool:
-    return "pose" in meant.columns and meant.columns["pose"].name == name
+def _counts_rows(names: Sequence[str]) -> bool:
+    """Whether names are the numbers of the rows, which say nothing of them."""
+    return any([comparable_id(name) for name in names] == [f"#{i + k}" for i in range(len(names))] for k in (0, 1))
 
 
-def _possible_names(meant: Recognised) -> list[str]:
-    """Columns that may name poses: the recognised one first, then those of no meaning, and a target's."""
-    known = [meant.columns[key].name for key in ("pose", "target") if key in meant.columns]
-    return [*known, *meant.rest]
+def _may_name(table: MeantTable, name: str) -> bool:
+    return name == table.pose or names_poses(name)
 
 
-def _with_pose(meant: Recognised, name: str, other: UserTable) -> Recognised:
-    """The recognised columns with one that names the poses, as its values stand in another table."""
-    before = meant.columns.get("pose")
-    if before is not None and before.name == name:
-        return meant
-    columns = {key: column for key, column in meant.columns.items() if key != "pose" and column.name != name}
+def _possible_names(table: MeantTable) -> list[str]:
+    """Columns that may name poses: the recognised one first, then a target's, then those of no meaning."""
+    return [*filter(None, (table.pose, table.named("target"))), *table.meant.rest]
+
+
+def _with_pose(one: MeantTable, name: str, other: MeantTable) -> MeantTable:
+    """The table with a column that names the poses, as its values stand in another table."""
+    if one.pose == name:
+        return one
+    columns = {key: column for key, column in one.meant.columns.items() if key != "pose" and column.name != name}
     columns["pose"] = Column(name, "pose", why=f"its values name the rows of {other.path.name}")
-    rest = [one for one in meant.rest if one != name] + ([] if before is None else [before.name])
-    return Recognised(columns, tuple(rest), meant.faults)
+    return one.with_columns(columns, [*one.meant.rest, *([one.pose] if one.pose else [])])
 
 
-def without_strangers(
-    report: ImportReport, table: UserTable, ids: Sequence[str], other: UserTable, of_points: Recognised
-) -> UserTable:
-    """Table of points without the rows that belong to no pose, which are told; as it is where most do.
-
-    table: of the joints, whose rows have these ids.
-    """
-    if "pose" not in of_points.columns:
-        return other
-    known, named = set(map(comparable_id, ids)), other.text(of_points.columns["pose"].name)
-    strange = [i for i, name in enumerate(named) if comparable_id(name) not in known]
-    if not strange or 2 * len(strange) > len(other):
-        return other
-    why = f"its name is no pose of {table.path.name}"
-    report.left_out += [LeftOutRow(other.path.name, other.lines[i], named[i], why) for i in strange]
-    many = len(strange) > 1
-    told = numbers.in_short([named[i][:40] or "one without a name" for i in strange], _MOST_PLACES)
-    belong = f"{len(strange)} points belong to no pose and are" if many else "1 point belongs to no pose and is"
-    report.notes.append(f"{other.path}: {belong} left out: {told}")
-    return other.of_rows([i for i in range(len(other)) if i not in set(strange)])
-
-
-def named_places(report: ImportReport, table: UserTable, meant: Recognised, places: UserTable) -> UserTable | None:
+def named_places(report: ImportReport, joints: MeantTable, places: UserTable) -> UserTable | None:
     """Table with a point a pose, where the joints' table names in each row which of some known places was visited.
 
     A place is a row of `places`, such as a socket of a plate; both tables have a column of one name for it. None where
     they have none; a place that is not listed is a fault.
     """
-    free = {plain(split_unit(name)[0]): name for name in meant.rest}
+    free = {plain(split_unit(name)[0]): name for name in joints.meant.rest}
     for name in places.columns:
         of_visit, listed = free.get(plain(split_unit(name)[0])), places.text(name)
         if of_visit is None or len(set(listed)) != len(listed) or "" in listed:
             continue
         row_of = {place: i for i, place in enumerate(listed)}
-        visited = table.text(of_visit)
+        visited = joints.table.text(of_visit)
         if not set(visited) & set(row_of) or len(set(visited)) == len(visited):  # each once: names of poses
             continue
         rows, lines = [], []
-        for k, (pose, place) in enumerate(zip(pose_ids(ImportReport(None), table, meant), visited, strict=True)):
+        for k, (pose, place) in enumerate(zip(pose_ids(ImportReport(None), joints), visited, strict=True)):
             if place in row_of:
                 rows.append((pose, *places.rows[row_of[place]]))
                 lines.append(places.lines[row_of[place]])
             elif place:
                 known = numbers.in_short(listed, _MOST_PLACES)
-                found = f"{place[:40]!r} is not in {places.path} ({known})"
-                report.fault(RowFault(table.path, table.lines[k], found, of_visit))
+                report.fault(joints.table.fault(k, f"{place[:40]!r} is not in {places.path} ({known})", of_visit))
         report.notes.append(
-            f"{places.path}: column {name} names the places that {table.path.name} visits: {len(rows)} visits of "
+            f"{places.path}: column {name} names the places that {joints.path.name} visits: {len(rows)} visits of "
             f"{len(set(visited) & set(row_of))} places"
         )
         return UserTable(places.path, ("pose", *places.columns), tuple(rows), tuple(lines), has_header=True)
     return None
 
 
-def named_by_cells(report: ImportReport, ids: list[str], table: UserTable, meant: Recognised) -> Recognised:
-    """Recognised columns of a table of points, the pose's by its cells where no name tells it.
-
-    A target that is the same in all rows and none of the robot's is the kind of the reflector, as trackers write it.
-    """
-    columns, rest = dict(meant.columns), list(meant.rest)
-    target = columns.get("target")
-    if "pose" not in columns:
-        known = {*ids, *map(comparable_id, ids)}
-        for name in [*rest, *([] if target is None else [target.name])]:
-            cells = table.text(name)
-            if len(set(cells)) > 1 and {*cells, *map(comparable_id, cells)} <= known:
-                columns["pose"] = Column(name, "pose", why="its cells name the poses of the joints")
-                break
-    if target is not None and report.robot is not None:
-        of_robot = {each.name for each in report.robot.targets} | {"jig"}
-        kinds = set(table.text(target.name))
-        if "pose" in columns and columns["pose"].name == target.name:
-            del columns["target"]
-        elif len(kinds) == 1 and not kinds <= of_robot:
-            report.notes.append(f"{table.path}: column {target.name} is {kinds.pop()!r} in all rows and left out")
-            del columns["target"]
-            rest.append(target.name)
-    used = {column.name for column in columns.values()}
-    return Recognised(columns, tuple(name for name in rest if name not in used), meant.faults)
-
-
-def placement_columns(table: UserTable, meant: Recognised, other: UserTable | None) -> list[str]:
+def placement_columns(joints: MeantTable, points: MeantTable | None) -> list[str]:
     """Unrecognised columns of words, each several times: they may name where the instrument or a plate stood.
 
-    other  # the table of points, whose columns are something else
+    points: whose columns are something else
     """
-    if "setup" in meant.columns:
+    if "setup" in joints.meant.columns:
         return []
-    found = []
-    for name in meant.rest:
-        if other is not None and plain(name) in map(plain, other.columns):
+    found, others = [], () if points is None else tuple(map(plain, points.table.columns))
+    for name in joints.meant.rest:
+        if plain(name) in others:
             continue
-        cells = table.text(name)
+        cells = joints.table.text(name)
         words = Counter(cell for cell in cells if as_number(cell) is None)
         if len(words) > 1 and sum(words.values()) == len(cells) and min(words.values()) > 1:
             found.append(name)
@@ -416,121 +475,128 @@ def placement_columns(table: UserTable, meant: Recognised, other: UserTable | No
 
 
 def rows_of_points(
-    report: ImportReport, table: UserTable, ids: list[str], other: UserTable | None, meant: Recognised
-) -> list[int]:
-    """Row of joints of each point, by the pose's name or else row by row; -1, with a fault, where unknown."""
-    if other is None:
-        return list(range(len(table)))
-    if "pose" in meant.columns:
-        known = {name: i for i, name in enumerate(ids)}
-        known |= {comparable_id(name): i for name, i in known.items()}
-        column, out = meant.columns["pose"].name, []
-        named = other.text(column)
-        if not any(name in known or comparable_id(name) in known for name in named):
+    report: ImportReport, joints: MeantTable, ids: Sequence[str], points: MeantTable
+) -> tuple[MeantTable, list[int]]:
+    """Table of the points that belong to poses, and the row of joints of each; -1, with a fault, where it is unknown.
+
+    By the poses' names, else row by row. Points that belong to no pose are left out and told, unless they are most.
+    """
+    table, none = points.table, [-1] * len(points.table)
+    if not points.pose:
+        if len(table) != len(ids):
             report.fault(
-                f"{other.path}: column {column}: none of its names ({named[0][:40]!r} ...) is a pose of {table.path} "
-                f"({ids[0][:40]!r} ...); name the poses alike in both, or leave the column out by --map "
-                f"'{column}=ignore' where the rows are in the same order"
+                f"{table.path}: has {len(table)} rows and {joints.path} {len(ids)}, and no column tells the pose; add "
+                "a column pose to both"
             )
-            return [-1] * len(other)
-        for i, name in enumerate(named):
-            row = known.get(name, known.get(comparable_id(name)))
-            if row is None:
-                line = other.lines[i]
-                report.fault(f"{other.path}: line {line}, column {column}: pose {name[:40]!r} is not in {table.path}")
-            out.append(-1 if row is None else row)
-        return out
-    if len(other) != len(table):
+            return points, none
+        report.notes.append(f"{table.path}: no column names the pose; its rows are taken in the order of {joints.path}")
+        return points, list(range(len(ids)))
+    names = points.cells("pose")
+    found = matched(names, ids)
+    strange = [i for i, row in enumerate(found.pose) if row < 0]
+    if not found.count:
         report.fault(
-            f"{other.path}: has {len(other)} rows and {table.path} {len(table)}, and no column tells the pose; add a "
-            "column pose to both"
+            f"{table.path}: column {points.pose}: none of its names ({names[0][:40]!r} ...) is a pose of {joints.path} "
+            f"({ids[0][:40]!r} ...); name the poses alike in both, or leave the column out by --map "
+            f"'{points.pose}=ignore' where the rows are in the same order"
         )
-        return [-1] * len(other)
-    report.notes.append(f"{other.path}: no column names the pose; its rows are taken in the order of {table.path}")
-    return list(range(len(table)))
+        return points, none
+    if 2 * len(strange) > len(table):
+        for i in strange:
+            report.fault(
+                f"{table.path}: {table.rows_are} {table.lines[i]}, column {points.pose}: pose {names[i][:40]!r} is "
+                f"not in {joints.path}"
+            )
+        return points, list(found.pose)
+    if found.how:
+        report.notes.append(f"{table.path}: points are matched to the poses of {joints.path.name} {found.how}")
+    if strange:
+        why = f"its name is no pose of {joints.path.name}"
+        report.left_out += [LeftOutRow(table.path.name, table.lines[i], names[i], why) for i in strange]
+        told = numbers.in_short([names[i][:40] or "one without a name" for i in strange], _MOST_PLACES)
+        belong = (
+            f"{len(strange)} points belong to no pose and are"
+            if len(strange) > 1
+            else "1 point belongs to no pose and is"
+        )
+        report.notes.append(f"{table.path}: {belong} left out: {told}")
+    kept = [i for i, row in enumerate(found.pose) if row >= 0]
+    return points.of_rows(kept), [found.pose[i] for i in kept]
 
 
-def require_poses(report: ImportReport, table: UserTable, meant: Recognised, q: Array) -> None:
+def require_poses(report: ImportReport, joints: MeantTable, q: Array) -> None:
     """Report a fault where the rows are no poses but a recording whose time is not recognised."""
-    pose = meant.columns.get("pose")
-    is_named = pose is not None and (pose.why == AS_MAPPED or any(as_number(c) is None for c in table.text(pose.name)))
-    if len(q) < _RECORDED or is_named or "time_s" in meant.columns:
+    pose = joints.meant.columns.get("pose")
+    is_named = pose is not None and (pose.why == AS_MAPPED or any(as_number(c) is None for c in joints.cells("pose")))
+    if len(q) < _RECORDED or is_named or "time_s" in joints.meant.columns:
         return
     extent = np.linalg.norm(np.ptp(q, axis=0))
     steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
     if extent > 0.0 and np.nanquantile(steps, 0.9) < _SMALL_STEP * extent:
         report.fault(
-            f"{table.path}: its {len(q)} rows are a recording, as the arm moves by little from one to the next, and "
+            f"{joints.path}: its {len(q)} rows are a recording, as the arm moves by little from one to the next, and "
             "no column is recognised as their time; tell it by --map COLUMN=time_s; where the rows are poses, name "
             "them by a column pose"
         )
 
 
-def comparable_id(name: str) -> str:
-    """A pose's name for comparison with another table's, where 7, 7.0 and 007 are equal, and P1 and p1."""
-    try:
-        value = float(name)
-    except ValueError:
-        return name.lower()
-    return f"#{int(value)}" if abs(value) < 1e15 and value == int(value) else name
-
-
-def point_of_each_pose(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
-    """One point (N, 3) for each pose; NaN where a pose has none."""
-    out = np.full((len(q_file), 3), np.nan)
-    rows = np.asarray(row_of, dtype=int)
-    out[rows[rows >= 0]] = seen[rows >= 0]
+def point_of_each_pose(count: int, seen: Array, row_of: Sequence[int]) -> Array:
+    """One point (N, 3) for each pose, its first; NaN where a pose has none."""
+    out = np.full((count, 3), np.nan)
+    rows = np.asarray(row_of, dtype=int)[::-1]
+    out[rows[rows >= 0]] = seen[::-1][rows >= 0]
     return out
 
 
-def points_unit(
-    report: ImportReport, table: UserTable, meant: Recognised, near: Array, q: Array
-) -> tuple[str, str, float]:
+def points_unit(report: ImportReport, points: MeantTable, near: Array, q: Array) -> tuple[str, str, float]:
     """Unit of the points, the reason, and the ratio of the points' spread to the arm's; "" and 1 for units in names.
 
     Taken from the columns' names, else from the points' spread relative to the arm's.
     near: (N, 3) in the file's unit, q: (N, n) rad, mm.
     """
-    told = {meant.columns[axis].unit for axis in "xyz"}
-    what = ", ".join(meant.columns[axis].name for axis in "xyz")
+    told = {points.meant.columns[axis].unit for axis in "xyz"}
+    what = ", ".join(map(points.named, "xyz"))
     if len(told) > 1:
-        report.fault(f"{table.path}: line 1: columns {what} have different units")
+        report.fault(f"{points.path}: line 1: columns {what} have different units")
         return "mm", "", 1.0
     unit = told.pop()
     if unit:
-        report.notes.append(f"{table.path}: points are {what}, in {unit} by their names")
+        report.notes.append(f"{points.path}: points are {what}, in {unit} by their names")
         return unit, "", 1.0
     assert report.robot is not None
     unit, off = length_unit(report.robot, q, near)
     how = f"taken for {unit}, in which they spread as the arm's tool does"
-    report.notes.append(f"{table.path}: points are {what}, {how}")
+    report.notes.append(f"{points.path}: points are {what}, {how}")
     return unit, how, off
 
 
-def require_near_spread(report: ImportReport, table: UserTable, meant: Recognised, unit: str, off: float) -> None:
+def require_near_spread(report: ImportReport, points: MeantTable, unit: str, off: float) -> None:
     """Report a fault where points without a named unit spread very differently from the arm's tool in every unit."""
     if off > _FAR_SPREAD:
-        what = ", ".join(meant.columns[axis].name for axis in "xyz")
         report.fault(
-            f"{table.path}: line 1: {what} have no unit, and their spread is {off:.2g} times off the arm's in "
-            f"{unit}; tell it by --map '{meant.columns['x'].name}=x_mm' (or x_m), and check joints and robot"
+            f"{points.path}: line 1: {', '.join(map(points.named, 'xyz'))} have no unit, and their spread is {off:.2g} "
+            f"times off the arm's in {unit}; tell it by --map '{points.named('x')}=x_mm' (or x_m), and check joints "
+            "and robot"
         )
 
 
-def of_one_place(near: Array, row_of: Sequence[int], points: tuple[UserTable, Recognised], setups: list[str]) -> Array:
-    """Points (N, 3) of the target and station with most points; NaN elsewhere."""
-    table, meant = points
+def of_one_place(
+    near: Array, seen: Array, row_of: Sequence[int], targets: Sequence[str], setups: Sequence[str]
+) -> Array:
+    """Points (N, 3) of the target and station with most points; NaN elsewhere.
+
+    Args:
+        near: (N, 3) one point of each pose.
+        seen: (M, 3) all points.
+        row_of: row of joints of each point.
+        targets: target of each point, [] for one.
+        setups: setup of each pose, [] for one.
+    """
     out = near.copy()
-    if "target" in meant.columns:
-        targets = table.text(meant.columns["target"].name)
+    if targets:
         most = Counter(targets).most_common(1)[0][0]
-        first: dict[int, int] = {}
-        for i, (row, target) in enumerate(zip(row_of, targets, strict=True)):
-            if target == most and row >= 0:
-                first.setdefault(row, i)
-        xyz = np.column_stack([_coordinate(ImportReport(None), table, meant.columns[axis].name) for axis in "xyz"])
-        out[:] = np.nan
-        out[list(first)] = xyz[list(first.values())]
+        of_most = [i for i, target in enumerate(targets) if target == most]
+        out = point_of_each_pose(len(near), seen[of_most], [row_of[i] for i in of_most])
     if setups:
         most = Counter(setups).most_common(1)[0][0]
         out[[setup != most for setup in setups]] = np.nan

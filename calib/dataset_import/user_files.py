@@ -14,13 +14,16 @@ from calib.errors import CalibError
 from calib.plugins import contributions, load
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.robot_formats.robot_form import forms_of, rank_of
-from calib.text_files.records import RECORDS, SPREADSHEETS, sheets
+from calib.text_files.column_names import plain, split_unit
+from calib.text_files.records import ARRAYS, RECORDS, SPREADSHEETS, sheets
 from calib.text_files.text_file import decoded
-from calib.text_files.user_table import UserTable, load_table, parse_table, plain, split_unit
+from calib.text_files.user_table import UserTable, load_table, parse_table
 
 _MOST_FILES = 10_000
 _HEAD_BYTES = 16_384  # of a file, by which it is judged
 _TABLES = (".csv", ".tsv", ".txt", ".dat")
+_RECORD_EACH = (".json", ".txt", ".csv", ".dat", ".npz", ".npy")
+_RECORD_BYTES = 20_000  # of a file with one record, at the most
 _CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npy", ".npz", ".las", ".laz")
 _MESHES = (".stl", ".obj")  # scans where nothing else can be
 _MANY = 4  # texts of three numbers a line in one folder, which are scans then
@@ -90,7 +93,10 @@ def look_through(folder: Path) -> UserFiles:
     folders = _owned_folders(paths)
     within = {path for path in paths for top in folders if path.is_relative_to(top) and not _stands_alone(path)}
     paths = sorted({*folders, *(path for path in paths if path not in within)})
+    sets = _sets(paths)
+    paths = [path for path in paths if path not in {each for members in sets.values() for each in members}]
     files = [file for path in paths for file in (_sheets(path) if path.suffix.lower() in RECORDS else [_judged(path)])]
+    files += [_judged_records(path) for path in sets]
     scans = _scans(files)
     kinds = dict.fromkeys(scans.values(), SCAN)
     listed = [
@@ -167,13 +173,35 @@ def _judged(path: Path) -> UserFile:
     return UserFile(path, UNUSED, "a zip within" if suffix == ".zip" else "of no form that is read")
 
 
+def _sets(paths: Sequence[Path]) -> dict[Path, list[Path]]:
+    """Files with one record of joints or points each, of one folder and form, by the pattern of their names."""
+    of_pattern: dict[Path, list[Path]] = {}
+    for path in paths:
+        if path.suffix.lower() in _RECORD_EACH and path.stat().st_size <= _RECORD_BYTES:
+            of_pattern.setdefault(path.with_name(f"*{path.suffix}"), []).append(path)
+    many = {pattern: found for pattern, found in of_pattern.items() if len(found) >= _MANY}
+    return {pattern: found for pattern, found in many.items() if _judged_records(pattern).kind not in (UNUSED, SCAN)}
+
+
 def _sheets(path: Path) -> list[UserFile]:
-    """A spreadsheet's sheets, or a file of JSON records, each judged as a table; one entry where none can be read."""
+    """A spreadsheet's sheets, or a file of records, each judged as a table; one entry where none can be read."""
+    if path.suffix.lower() not in SPREADSHEETS:
+        return [_judged_records(path)]
     try:
-        named = [path.with_name(f"{path.name}#{name}") for name in sheets(path)] if path.suffix != ".json" else [path]
+        named = [path.with_name(f"{path.name}#{name}") for name in sheets(path)]
         return [_judged_table(each, load_table(each, lambda _: None, is_names=_are_names)) for each in named or [path]]
     except CalibError as error:
         return [UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))]
+
+
+def _judged_records(path: Path) -> UserFile:
+    """A file of records, or a pattern of files with one each, as the table that they are."""
+    try:
+        found = _judged_table(path, load_table(path, lambda _: None, any_encoding=True, is_names=_are_names))
+    except CalibError as error:
+        found = UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
+    is_array = path.suffix.lower() in ARRAYS and found.kind == UNUSED
+    return UserFile(path, SCAN, "a point cloud") if is_array else found
 
 
 def is_workbook(path: Path) -> bool:
@@ -268,7 +296,7 @@ def _scans(files: list[UserFile]) -> dict[str, Path]:
     clouds += [path for path in texts if many[path.parent] >= _MANY]
     if not clouds and not any(file.kind == ROBOT and file.path.suffix.lower() != ".toml" for file in files):
         clouds = [path for path in found if path.suffix.lower() in _MESHES]
-    if not clouds:
+    if not clouds or (len(clouds) == 1 and clouds[0].suffix.lower() == ".npy"):  # an array of points, a row a pose
         return {}
     folder = Counter(path.parent for path in clouds).most_common(1)[0][0]
     out: dict[str, Path] = {}
@@ -281,6 +309,6 @@ def _scans(files: list[UserFile]) -> dict[str, Path]:
 def _no_scan(file: UserFile) -> UserFile:
     """File that looked like a scan but belongs to no scans of the dataset, reclassified as points or unused."""
     suffix = file.path.suffix.lower()
-    if suffix in _TABLES:
+    if suffix in (*_TABLES, ".npy"):
         return UserFile(file.path, POINTS, "three columns without a header")
     return UserFile(file.path, UNUSED, "a mesh" if suffix in _MESHES else "a scan of another folder")

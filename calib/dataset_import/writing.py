@@ -17,15 +17,14 @@ from calib.dataset.dataset import ROLES, Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
-from calib.dataset_import.columns import Recognised, is_beside_point, length_column
+from calib.dataset_import.columns import is_beside_point
 from calib.dataset_import.measured import MeasuredPoses
-from calib.dataset_import.reading import ImportReport
+from calib.dataset_import.reading import ImportReport, MeantTable
 from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import template_name
 from calib.text_files.csv_text import rows_csv
-from calib.text_files.user_table import UserTable
 
 _WORDS = {
     "reference": "reference", "ref": "reference", "train": "train", "training": "train", "calibration": "train",
@@ -59,25 +58,26 @@ def roles_of(column: Sequence[str] | None, count: int, first: int = 0) -> tuple[
 
 def poses_text(
     report: ImportReport,
-    table: UserTable,
-    meant: Recognised,
-    ids: list[str],
+    joints: MeantTable,
+    ids: Sequence[str],
     commanded: Array,
-    scans: Mapping[str, Path],
+    scans: Sequence[str],
     measured: BoolArray | None,
 ) -> str:
     """Text of poses.csv, with commanded values in rad and mm.
 
-    commanded  # (N, n) rad, mm; scans  # files by stem; measured  # (N,) poses that have a point; None: scans only
+    commanded  # (N, n) rad, mm; scans  # (N,) each pose's file, "" for none; () without scans
+    measured  # (N,) poses that have a point; None: scans only
     """
     assert report.robot is not None
-    given = table.text(meant.columns["role"].name) if "role" in meant.columns else None
+    table, meant = joints.table, joints.meant
+    given = joints.cells("role") or None
     roles, how = roles_of(given, len(ids), 0 if measured is None else int(np.argmax(measured)))
     report.notes += [f"{table.path}: {how}"] if how else []
     unknown = [i for i, role in enumerate(roles) if role not in ROLES]
     for i in unknown:
-        where = f"{table.path}: line {table.lines[i]}, column {meant.columns['role'].name}"
-        report.fault(f"{where}: found {roles[i][:40]!r}; expected reference, train or test")
+        found = f"found {roles[i][:40]!r}; expected reference, train or test"
+        report.fault(str(table.fault(i, found, joints.named("role"))))
     names = [f"q{k + 1}_{'rad' if turns else 'mm'}" for k, turns in enumerate(report.robot.is_revolute)]
     kept = [m for m in meant.columns if m in (*CONDITIONS, "setup", "scan") or quantity_of(m) == "approach"]
     taken = {"pose", "role", *names, *kept}
@@ -88,7 +88,7 @@ def poses_text(
         rest = [name for name in rest if name not in beside]
     if rest:
         report.notes.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
-    columns = [_condition(report, table, meant, m) for m in kept] + [table.text(name) for name in rest]
+    columns = [_condition(report, joints, m) for m in kept] + [table.text(name) for name in rest]
     body = [
         [ids[i], roles[i], *map(repr, map(float, commanded[i])), *(column[i] for column in columns)]
         for i in range(len(ids))
@@ -96,32 +96,31 @@ def poses_text(
     header = ["pose", "role", *names, *kept, *rest]
     if scans and "scan" not in kept:
         header.append("scan")
-        for i, row in enumerate(body):
-            if measured is None and ids[i] not in scans:
-                report.fault(f"{table.path}: line {table.lines[i]}: no such scan as {ids[i][:40]!r} among those given")
-            row.append(scans[ids[i]].name if ids[i] in scans else f"{ids[i]}.ply")
+        for pose, row, file in zip(ids, body, scans, strict=True):
+            row.append(file or f"{pose}.ply")
     return rows_csv([header, *body])
 
 
-def _condition(report: ImportReport, table: UserTable, meant: Recognised, meaning: str) -> list[str]:
+def _condition(report: ImportReport, joints: MeantTable, meaning: str) -> list[str]:
     """Cells of a condition's column; a fault is reported where one should be a number and is not."""
-    column = meant.columns[meaning]
-    cells = table.text(column.name)
+    cells = joints.cells(meaning)
     if meaning in CONDITIONS:
-        filled = replace(table, rows=tuple(tuple(cell or "0" for cell in row) for row in table.rows))
-        filled.numbers(column.name, report.fault)  # an empty cell is for the reader to judge
+        filled = replace(joints.table, rows=tuple(tuple(cell or "0" for cell in row) for row in joints.table.rows))
+        filled.numbers(joints.named(meaning), report.fault)  # an empty cell is for the reader to judge
     of_joint = joint_input(meaning)
-    joint = None if of_joint is None else meant.columns.get(f"q{of_joint[1] + 1}")
+    joint = None if of_joint is None else joints.meant.columns.get(f"q{of_joint[1] + 1}")
     if joint is not None and joint.sign < 0:
         turned = {"1": "-1", "+1": "-1", "1.0": "-1", "-1": "1", "-1.0": "1"}
         cells = [turned.get(cell, cell) for cell in cells]
     return cells
 
 
-def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_mm: Array) -> str:
+def points_text(points: MeantTable, poses: Sequence[str], xyz_mm: Array) -> str:
     """Text of points.csv."""
-    further = [m for m in meant.columns if m == "target" or (m[:1] in "qrs" and m[1:2] in "wxyz") or m[1:3] == "_r"]
-    columns = [table.text(meant.columns[m].name) for m in further]
+    further = [
+        m for m in points.meant.columns if m == "target" or (m[:1] in "qrs" and m[1:2] in "wxyz") or m[1:3] == "_r"
+    ]
+    columns = [points.cells(m) for m in further]
     body = [
         [pose, *("" if np.isnan(v) else repr(float(v)) for v in place), *(column[i] for column in columns)]
         for i, (pose, place) in enumerate(zip(poses, xyz_mm, strict=True))
@@ -129,15 +128,14 @@ def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_m
     return rows_csv([["pose", "x_mm", "y_mm", "z_mm", *further], *body])
 
 
-def lengths_text(report: ImportReport, table: UserTable, meant: Recognised, rows: Sequence[tuple[int, str]]) -> str:
-    """Text of points.csv with measured lengths, in mm, of some rows of a table, each with its pose's name."""
-    length = length_column(meant)
+def lengths_text(report: ImportReport, points: MeantTable, poses: Sequence[str]) -> str:
+    """Text of points.csv with measured lengths, in mm, each with its pose's name."""
+    length = points.length
     assert length is not None
-    lengths_mm = table.numbers(length.name, report.fault) * LENGTHS_MM[length.meaning.removeprefix("length_")]
-    further = [name for name in ("anchor", "target") if name in meant.columns]
-    columns = [table.text(meant.columns[name].name) for name in further]
-    body = [[pose, repr(float(lengths_mm[i])), *(cells[i] for cells in columns)] for i, pose in rows]
-    return rows_csv([["pose", "length_mm", *further], *body])
+    lengths_mm = points.table.numbers(length.name, report.fault) * LENGTHS_MM[length.meaning.removeprefix("length_")]
+    further = [name for name in ("anchor", "target") if name in points.meant.columns]
+    body = zip(poses, map(repr, lengths_mm.tolist()), *map(points.cells, further), strict=False)
+    return rows_csv([["pose", "length_mm", *further], *map(list, body)])
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
 from calib.robot_formats.robot_file import ReadOptions, RobotFile, named_robot
 from calib.robot_formats.robot_form import template_suffixes
 from calib.robot_formats.tables import CONVENTIONS
-from calib.text_files.user_table import load_table, plain, split_unit
+from calib.text_files.column_names import plain, split_unit
+from calib.text_files.user_table import load_table
 
 TABLE_KINDS = {"standard": "standard Denavit-Hartenberg", "modified": "modified Denavit-Hartenberg (Craig)"}
 

@@ -25,7 +25,8 @@ from calib.array_types import Array
 from calib.frames import invert, make_transform, rotation_from_rpy
 from calib.robot_formats.chain.five_parameters import row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
-from calib.text_files.user_table import Fault, UserTable, load_table, plain, split_unit
+from calib.text_files.column_names import plain, split_unit
+from calib.text_files.user_table import Fault, UserTable, load_table
 
 CONVENTIONS = ("standard", "modified")
 _TIPS = ("tool", "tool0", "flange", "tcp", "ee", "tip", "home", "m")

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
+from calib.text_files.column_names import UNITS
 from calib.text_files.csv_text import as_number, lines_of
 
 _SEPARATORS = (",", ";", "\t")
@@ -26,8 +27,7 @@ _GROUPS = {  # of thousands, by the decimal sign
     ",": re.compile(r"[+-]?\d{1,3}(?:[ .'’]\d{3})+(?:,\d*)?"),
 }
 _UNIT_CELL = re.compile(r"[\[(]?(?P<unit>[^\W\d_]{0,8}(?:/[^\W\d_]{1,4}[²2]?)?|[°%µ-][^\W\d_]{0,2}(?:/s[²2]?)?)[\])]?")
-_UNITS = {"deg", "°", "rad", "mm", "m", "cm", "um", "µm", "in", "s", "ms", "ns", "kg", "nm", "n", "a", "°c", "c",
-          "度", "弧度", "毫米", "ミリ", "degré", "degrés", "inch", "zoll", "pouces"}  # fmt: skip
+_UNITS = {*UNITS, "ms", "ns", "nm", "n", "a"}
 _UNIT_BEHIND = re.compile(r"\s*[\[(][^\[\]()]+[\])]\s*$")  # a name of a group or a column
 _NOT_GROUPS = ("type", "id", "parent")  # lines of Motive that name nothing
 _FULL = 0.9  # of the columns are named by a line of names
@@ -85,7 +85,12 @@ def separator_of(text: str) -> str:
         return median(line.count(separator) for line in body)
 
     words = [line.split() for line in body]
-    if median(map(len, words)) > 1 and all(_COMMA_NUMBER.fullmatch(word) for line in words for word in line[1:]):
+    is_parted = any(usual(separator) >= 1 and first.count(separator) for separator in "\t;")
+    if (
+        not is_parted
+        and median(map(len, words)) > 1
+        and all(_COMMA_NUMBER.fullmatch(word) for line in words for word in line[1:])
+    ):
         return " "  # with decimal commas
     best = max(_SEPARATORS, key=first.count)
     if len(below) == len(lines) and 1 <= first.count(best) <= usual(best):

@@ -1,7 +1,7 @@
-"""Tables that are no text: sheets of a spreadsheet, and JSON records, as rows of cells that keep their line numbers.
+"""Tables that are no text: sheets of a spreadsheet, JSON records and NumPy's arrays, as rows of cells.
 
 A sheet of a workbook is named behind its file, `points.xlsx#Sheet2`; without a name its first sheet with a table is
-meant.
+meant. Files with a record each are named by a pattern, `poses/*.json`.
 """
 
 from __future__ import annotations
@@ -9,27 +9,31 @@ from __future__ import annotations
 import json
 import re
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from calib.errors import DatasetError
+from calib.text_files.column_names import plain, split_unit
 from calib.text_files.csv_text import MOST_BYTES, MOST_CELLS
 from calib.text_files.text_file import read_text
 
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
-RECORDS = (*SPREADSHEETS, ".json")
+ARRAYS = (".npz", ".npy")
+RECORDS = (*SPREADSHEETS, *ARRAYS, ".json")
 """Suffixes of the files that are read as rows of cells."""
 _MOST_UNPACKED = 200_000_000  # bytes of a workbook, which is a zip
 _MOST_ROWS = 200_000
 _FEWEST_CELLS = 3  # filled in a row of a table; titles above it have fewer
-_ANGLES = ("q", "joints", "joint", "jointpositions", "jointangles", "jointstates", "jointvalues", "angles", "actualq",
-           "jointpos", "qpos")  # fmt: skip
-_PLACES = ("position", "positions")  # beside lists of angles; without them they are the joints'
-_JOINTS = (*_ANGLES, *_PLACES)
+_JOINTS = re.compile(r"(actual|measured|current|get)*(q|qpos|angles?|joints?(pos|positions?|angles?|states?|values?)?)")
+_END_IN_JOINTS = ("q", "joints", "jointpositions", "jointangles", "state", "qpos")  # behind what they are of
+_PLACES = ("position", "positions", "translation", "xyz", "point", "pos")  # names that tell nothing but a place
+_TURNS, _QUATERNION = ("orientation", "rotation", "quaternion", "quat"), ("w", "x", "y", "z")
+_NAMES = ("name", "names", "joint_names")
 _LIST = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
-_POINT = ("point", "xyz", "measured", "translation", "marker", "tcp", "tracker")
 
 Rows = list[list[str]]
 
@@ -43,18 +47,22 @@ def table_file(path: Path) -> tuple[Path, str]:
 
 
 def is_records(path: Path) -> bool:
-    """Whether a path names a spreadsheet, one of its sheets, or JSON."""
+    """Whether a path names a spreadsheet, one of its sheets, JSON, or arrays of NumPy."""
     return table_file(path)[0].suffix.lower() in RECORDS
 
 
 def read_records(path: Path) -> Rows:
-    """Rows of cells of a sheet, with what stands above its table, or of JSON records below their names.
+    """Rows of cells of a sheet, with what stands above its table, or of records below their names.
 
     Raises DatasetError where the file cannot be read or holds no such table.
     """
     file, wanted = table_file(path)
-    if file.suffix.lower() == ".json":
-        return _json_rows(file)
+    if file.suffix.lower() not in SPREADSHEETS:
+        content = content_of(file)
+        try:
+            return rows_of(file, records_in(content))
+        except RecursionError:
+            raise DatasetError(f"{file}: is nested too deep; one object a pose in a list is needed") from None
     found = sheets(file)
     if wanted:
         rows = found.get(wanted)
@@ -120,58 +128,110 @@ def _cell(value: Any) -> str:
     return " ".join(str(value).split())
 
 
-# ---- JSON ------------------------------------------------------------------------------------------------------------
+# ---- records ---------------------------------------------------------------------------------------------------------
 
 
-def _json_rows(path: Path) -> Rows:
-    """Rows of a JSON list of records; of an object the longest list of records in it."""
+def content_of(path: Path) -> Any:
+    """Content of a JSON file, or of NumPy's arrays as lists. Raises DatasetError."""
+    if path.suffix.lower() in ARRAYS:
+        try:
+            if path.stat().st_size > MOST_BYTES:
+                raise ValueError(f"more than {MOST_BYTES / 1e6:g} MB")
+            found = np.load(path, allow_pickle=False)
+            return found.tolist() if path.suffix.lower() == ".npy" else {key: found[key].tolist() for key in found}
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise DatasetError(f"{path}: cannot be read as arrays of NumPy ({error})") from None
     text = read_text(path, missing="name a table of numbers", kind="JSON", most_bytes=MOST_BYTES)
     try:
-        content = json.loads(text)
+        return json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
         raise DatasetError(f"{path}: cannot be read as JSON ({error}); one object a pose in a list is needed") from None
+
+
+def records_in(content: Any) -> list[Any]:
+    """Records of a document: its longest list of objects, however deep, else its lists as columns or rows."""
+    found = max(_lists_of_objects(content), key=len, default=[])
+    if len(found) > 1:
+        return found
     if isinstance(content, Mapping):
-        lists = {name: value for name, value in content.items() if isinstance(value, list) and value}
-        of_records = [value for value in lists.values() if all(isinstance(each, Mapping) for each in value)]
-        if of_records or not lists:
-            content = max(of_records, key=len, default=content)
-        else:  # a list a column
-            most = max(map(len, lists.values()))
-            named = {name: value for name, value in lists.items() if len(value) == most}
-            content = [dict(zip(named, row, strict=True)) for row in zip(*named.values(), strict=True)]
-    if not isinstance(content, list) or not content or not all(isinstance(each, Mapping) for each in content):
+        lists = {name: value for name, value in content.items() if isinstance(value, list)}
+        most = max(map(len, lists.values()), default=0)
+        named = {name: value for name, value in lists.items() if len(value) == most > 0}
+        return [dict(zip(named, row, strict=True)) for row in zip(*named.values(), strict=True)]
+    rows = content if isinstance(content, list) else []
+    return rows if all(isinstance(row, list) for row in rows) else found
+
+
+def _lists_of_objects(content: Any) -> Iterator[list[Any]]:
+    """Lists of objects in a document, and objects by name as a list of them."""
+    inside = list(content.values()) if isinstance(content, Mapping) else content if isinstance(content, list) else []
+    if inside and all(isinstance(each, Mapping) for each in inside):
+        keys = [list(each) for each in inside]
+        if isinstance(content, list):
+            yield content
+        elif all(key == keys[0] for key in keys) and len(inside) > 1:
+            if all(str(key).isdigit() for key in keys[0]):  # columns by name, their rows by number, as pandas writes
+                yield [{name: column[key] for name, column in content.items()} for key in keys[0]]
+            else:
+                yield [{"name": name, **each} for name, each in content.items()]
+    for each in inside:
+        yield from _lists_of_objects(each)
+
+
+def rows_of(path: Path, records: Sequence[Any]) -> Rows:
+    """Rows of cells of records below their names, or of lists of numbers without names. Raises DatasetError."""
+    if records and all(isinstance(each, list) for each in records):
+        return [list(map(_cell, _flat(each))) for each in records[:_MOST_ROWS]]
+    if not records or not all(isinstance(each, Mapping) for each in records):
         raise DatasetError(f"{path}: holds no list of records; one object a pose in a list is needed")
-    records = [flat_record(each) for each in content[:_MOST_ROWS]]
-    names = list(dict.fromkeys(name for record in records for name in record))
-    if len(records) * len(names) > MOST_CELLS:
-        found = f"its {len(records)} records have {len(names)} different keys"
+    flat = [flat_record(each) for each in records[:_MOST_ROWS]]
+    names = list(dict.fromkeys(name for record in flat for name in record))
+    if len(flat) * len(names) > MOST_CELLS:
+        found = f"its {len(flat)} records have {len(names)} different keys"
         raise DatasetError(f"{path}: {found}; give all records the same keys")
-    return [names, *[[record.get(name, "") for name in names] for record in records]]
+    return [names, *[[record.get(name, "") for name in names] for record in flat]]
 
 
-def flat_record(record: Mapping[str, Any]) -> dict[str, str]:
-    """Cells of a record by column: a list of joints as q1 ..., of a point as x, y, z, an object by its keys."""
+def _flat(values: Any) -> list[Any]:
+    return [each for value in values for each in _flat(value)] if isinstance(values, list) else [values]
+
+
+def flat_record(record: Mapping[str, Any], within: str = "") -> dict[str, str]:
+    """Cells of a record by column: a list of joints as q1 ..., of a place as x, y, z, an object by its keys.
+
+    within: the names of the objects that the record is in, which stand before its own.
+    """
     out: dict[str, str] = {}
-    keys = {name: "".join(c for c in str(name).lower() if c.isalnum()) for name in record}
-    has_joints = any(isinstance(record[name], list) and key in _ANGLES for name, key in keys.items())
+    named = next((list(map(str, record[key])) for key in _NAMES if isinstance(record.get(key), list)), [])
+    has_joints = any(isinstance(value, list) and _JOINTS.fullmatch(_key(name)) for name, value in record.items())
     for name, value in record.items():
-        key = f"point{keys[name]}" if has_joints and keys[name] in _PLACES else keys[name]
+        base, unit = split_unit(str(name))
+        key, behind = plain(base), f" [{unit}]" if unit else ""
+        is_turn, is_place = key in _TURNS, key in _PLACES and (has_joints or not named)
+        first = f"{within}{'q' if is_turn else ''}x{behind}"
+        stem = within if (is_turn or key in _PLACES) and first not in out else f"{within}{base}_"
         if isinstance(value, Mapping):
-            for inner, cell in flat_record(value).items():
-                out[inner if inner in ("x", "y", "z") else f"{name}_{inner}"] = cell
-        elif isinstance(value, list):
-            out |= {column: _cell(v) for column, v in zip(_names(str(name), key, value), value, strict=True)}
-        elif value is not None:
-            out[str(name)] = _cell(value)
+            inner = {f"q{axis}" if is_turn and axis in _QUATERNION else axis: cell for axis, cell in value.items()}
+            out |= {f"{column}{behind}": cell for column, cell in flat_record(inner, stem).items()}
+        elif isinstance(value, list) and str(name) not in _NAMES:
+            cells = list(map(_cell, _flat(value)))
+            if len(named) == len(cells):  # joints in any order, as in ROS
+                columns = [one if key in _PLACES or _JOINTS.fullmatch(key) else f"{base}_{one}" for one in named]
+            elif len(cells) == 3 and (is_place or not _JOINTS.fullmatch(key)):
+                columns = [f"{stem}{axis}" for axis in "xyz"]
+            elif _JOINTS.fullmatch(key) or key in _PLACES:
+                columns = [f"{within}q{k + 1}" for k in range(len(cells))]
+            else:
+                joints = "q" if key.endswith(_END_IN_JOINTS) else ""
+                columns = [f"{stem}{joints}{k + 1}" for k in range(len(cells))]
+            out |= {f"{column}{behind}": cell for column, cell in zip(columns, cells, strict=True)}
+        elif value is not None and not isinstance(value, list):
+            out[f"{within}{name}"] = _cell(value)
     return out
 
 
-def _names(name: str, key: str, values: Sequence[Any]) -> list[str]:
-    """Columns of a list: its name with numbers, unless it is the joints' or a point's."""
-    if len(values) == 3 and any(key.startswith(word) for word in _POINT):
-        return ["x", "y", "z"]
-    start = "q" if key in _JOINTS or key.endswith(("state", "qpos")) else f"{name}_"
-    return [f"{start}{k + 1}" for k in range(len(values))]
+def _key(name: object) -> str:
+    return plain(split_unit(str(name))[0])
 
 
 def list_columns(names: Sequence[str], rows: Sequence[list[str]]) -> tuple[list[str], list[list[str]]]:

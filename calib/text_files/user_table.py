@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.errors import DatasetError
+from calib.rendering.numbers import natural_order
 from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows
 from calib.text_files.layout import PLAIN_NUMBERS, NumberStyle, header_of, number_style, separator_of, without_comments
-from calib.text_files.records import is_records, list_columns, read_records
+from calib.text_files.records import content_of, is_records, list_columns, read_records, rows_of
 from calib.text_files.text_file import read_text
-
-UNITS = {
-    "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radian": "rad", "radians": "rad",
-    "mm": "mm", "m": "m", "meter": "m", "metre": "m", "meters": "m", "cm": "cm", "in": "in", "inch": "in", "um": "um",
-    "kg": "kg", "s": "s", "sec": "s", "c": "c", "°c": "c", "degc": "c",
-    "grad": "deg", "degré": "deg", "degrés": "deg", "degre": "deg", "degres": "deg", "gradi": "deg", "grados": "deg",
-    "度": "deg", "radiant": "rad", "弧度": "rad", "ラジアン": "rad", "millimeter": "mm", "millimeters": "mm",
-    "millimetre": "mm", "millimetres": "mm", "millimètres": "mm", "毫米": "mm", "ミリ": "mm", "inches": "in",
-    "zoll": "in", "pouce": "in", "pouces": "in", "インチ": "in", "µm": "um", "μm": "um", "mètre": "m", "mètres": "m",
-    "米": "m",
-}  # fmt: skip
-"""Spellings of units, and the name of each unit in this program."""
-MOST_CHARACTERS = 200  # of a column name that is parsed
-_UNIT = re.compile(
-    r"^(?P<name>.*?)(?:[\s_]*[\[(\uff08\u3010]\s*(?P<bracket>[^\])\uff09\u3011]+?)\s*[\])\uff09\u3011]"
-    r"|[\s_.]+(?P<end>[^\s_.\d]+))$"
-)
-
 
 Naming = Callable[[Sequence[str]], bool]
 """Whether cells are names of columns that the reader knows."""
@@ -43,18 +26,8 @@ _MOST_LABELS = 200
 _TITLES = 15  # rows above a table in which its names are looked for
 _FEWEST_CELLS = 3  # of a row that is no title or note
 _STYLE_ROWS = 2000  # by which the way of writing numbers is told
-
-
-def split_unit(name: str) -> tuple[str, str]:
-    """A column's name without its unit, and the unit; "" where the name has no known unit."""
-    found = _UNIT.match(name.strip()) if len(name) <= MOST_CHARACTERS else None
-    unit = UNITS.get((found["bracket"] or found["end"] or "").lower(), "") if found else ""
-    return (found["name"], unit) if found and unit else (name, "")
-
-
-def plain(name: str) -> str:
-    """A name in lower case, letters and digits of any script only."""
-    return "".join(c for c in name.lower() if c.isalnum())
+LINE, COLUMN, FILE = "line", "column", "file"
+_MOST_FILES = 10_000
 
 
 @dataclass(frozen=True)
@@ -65,7 +38,7 @@ class RowFault:
     line: int
     found: str  # the column, what was found there and what is needed
     column: str = ""  # "" where the whole row is concerned
-    is_turned: bool = False  # of a table whose rows are the file's columns
+    rows_are: str = LINE  # what the number counts
 
     def __str__(self) -> str:
         return f"{self.path}: {self.place}: {self.found}"
@@ -73,9 +46,8 @@ class RowFault:
     @property
     def place(self) -> str:
         """Line and column in the file."""
-        if self.is_turned:
-            return f"column {self.line}, row {self.column}" if self.column else f"column {self.line}"
-        return f"line {self.line}, column {self.column}" if self.column else f"line {self.line}"
+        across = "row" if self.rows_are == COLUMN else "column"
+        return f"{self.rows_are} {self.line}" + (f", {across} {self.column}" if self.column else "")
 
 
 Fault = str | RowFault
@@ -94,7 +66,7 @@ class UserTable:
     separator: str = ","  # of a text
     style: NumberStyle = PLAIN_NUMBERS  # of the numbers in a text; those of the rows are plain
     rate_hz: float = 0.0  # of the rows, where the file tells it
-    is_turned: bool = False  # a row is a column of the file, and its line the column's number
+    rows_are: str = LINE  # what a row is in the file, or of the files, and its line's number counts
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -107,6 +79,10 @@ class UserTable:
     def position(self, row: int) -> int:
         """Index, from 0, that a row has among all rows of the file."""
         return self.positions[row] if self.positions else row
+
+    def fault(self, row: int, found: str, column: str = "") -> RowFault:
+        """Fault of a row, by its place in the file."""
+        return RowFault(self.path, self.lines[row], found, column, self.rows_are)
 
     def without(self, lines: Collection[int]) -> UserTable:
         """Table without the rows of these lines."""
@@ -128,7 +104,7 @@ class UserTable:
             value = as_number(cell)
             if value is None:
                 found = f"found {cell[:40]!r}; a number is needed"
-                fault(RowFault(self.path, self.lines[i], found, column, self.is_turned))
+                fault(self.fault(i, found, column))
             else:
                 out[i] = value
         return out
@@ -144,9 +120,14 @@ def load_table(
     """Read a user's table from a file. Raises DatasetError where it is not one.
 
     `any_encoding` accepts what spreadsheets write besides UTF-8. With `fault`, each mistake in names and rows is
-    reported there and the table is read all the same. Spreadsheets and JSON records are read, too. With `is_names`, a
-    table whose names stand below each other, a column a pose, is turned.
+    reported there and the table is read all the same. Spreadsheets, JSON records and NumPy's arrays are read, too, and
+    by a pattern, `poses/*.json`, files with a row each. With `is_names`, a table whose names stand below each other, a
+    column a pose, is turned.
     """
+    if "*" in path.name:
+        files = sorted(path.parent.glob(path.name), key=lambda file: natural_order(file.name))[:_MOST_FILES]
+        rows = [(k + 1, row) for k, row in enumerate(_rows_of_files(path, files, any_encoding=any_encoding))]
+        return replace(_table_of(path, rows, fault, is_names=is_names), rows_are=FILE)
     if is_records(path):
         rows = [(k + 1, row) for k, row in enumerate(read_records(path)) if any(row)]
         return _table_of(path, rows, fault, is_names=is_names)
@@ -158,6 +139,26 @@ def load_table(
         fault,
         is_names,
     )
+
+
+def _rows_of_files(path: Path, files: Sequence[Path], *, any_encoding: bool) -> list[list[str]]:
+    """Rows of cells of files with a record each, the file's name first. Raises DatasetError."""
+    if not files:
+        raise DatasetError(f"{path}: no such files; name a table of numbers")
+    records: list[Any] = []
+    for file in files:
+        if is_records(file):
+            records.append(content_of(file))
+            continue
+        table = load_table(file, lambda _: None, any_encoding=any_encoding)
+        named = table.has_header and len(table) == 1
+        records.append(dict(zip(table.columns, table.rows[0], strict=True)) if named else list(map(list, table.rows)))
+    if all(isinstance(each, dict) for each in records):
+        return rows_of(path, [{"file": file.stem, **each} for file, each in zip(files, records, strict=True)])
+    rows = [[file.stem, *row] for file, row in zip(files, rows_of(path, records), strict=True)]
+    if len(set(map(len, rows))) > 1:
+        raise DatasetError(f"{path}: not all files hold as many numbers; a record a file is needed")
+    return rows
 
 
 def parse_table(
@@ -194,6 +195,10 @@ def _turned(rows: Sequence[tuple[int, list[str]]], is_names: Naming) -> list[tup
     return []
 
 
+def _numbers(row: Sequence[str]) -> int:
+    return sum(as_number(cell) is not None for cell in row)
+
+
 def _table_of(
     path: Path, numbered: Sequence[tuple[int, list[str]]], fault: Callable[[Fault], None] | None, separator: str = ",",
     is_names: Naming | None = None,
@@ -209,8 +214,12 @@ def _table_of(
     numbered = [(line, list(map(style.plain, row))) for line, row in numbered]
     turned = _turned(numbered, is_names) if is_names is not None and numbered else []
     numbered = turned or numbered
+    if is_names is not None:  # limits and means may stand above the names
+        words = [k for k, (_, row) in enumerate(numbered[:_TITLES]) if not _numbers(row) and is_names(row)]
+        numbered = [row for k, row in enumerate(numbered) if not words or k >= words[0] or not _numbers(row[1])]
     header = header_of(numbered)
-    body, names = list(numbered[header.first :]), list(header.names)
+    again = next(row for line, row in numbered if line == header.line) if header.names else None
+    body, names = [(line, row) for line, row in numbered[header.first :] if row != again], list(header.names)
     columns = names or [f"column {k + 1}" for k in range(len(numbered[0][1]))]
     columns = [name or f"column {k + 1}" for k, name in enumerate(columns)]
     for repeated in [name for name, times in Counter(columns).items() if times > 1]:
@@ -230,5 +239,5 @@ def _table_of(
     columns, rows = list_columns(columns, rows)
     return UserTable(
         path, tuple(columns), tuple(map(tuple, rows)), tuple(number for number, _ in body), bool(names), style=style,
-        rate_hz=header.rate_hz, is_turned=bool(turned),
+        rate_hz=header.rate_hz, rows_are=COLUMN if turned else LINE,
     )  # fmt: skip

@@ -295,6 +295,11 @@ def test_scans_of_any_suffix_find_their_poses(tmp_path: Path) -> None:
     assert made.dataset.poses.scan_names == tuple(f"{line.split(',')[0]}.xyz" for line in lines[1:5])
     assert (tmp_path / "cell" / "scans" / made.dataset.poses.scan_names[0]).is_file()
     (tmp_path / "joints.csv").write_text("\n".join(lines[:7]))
-    with pytest.raises(DatasetError, match="no such scan"):
-        import_dataset(tmp_path / "b", ROBOT, tmp_path / "joints.csv", scans=tmp_path / "scans")
-    assert not (tmp_path / "b").exists()
+    fewer = import_dataset(tmp_path / "b", ROBOT, tmp_path / "joints.csv", scans=tmp_path / "scans")
+    assert fewer.dataset.poses.scan_names == made.dataset.poses.scan_names
+    assert any("2 poses without a scan" in note for note in fewer.notes)
+    for k, path in enumerate(sorted((tmp_path / "scans").iterdir())):
+        path.rename(path.with_name(f"view{'abcdefg'[k]}.xyz"))
+    with pytest.raises(DatasetError, match="no scan is named as its poses are"):
+        import_dataset(tmp_path / "c", ROBOT, tmp_path / "joints.csv", scans=tmp_path / "scans")
+    assert not (tmp_path / "c").exists()

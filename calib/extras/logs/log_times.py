@@ -14,7 +14,7 @@ from calib.array_types import Array
 from calib.dataset_import.columns import Meaning, words_of
 from calib.extras.logs.series import RecordingError
 from calib.lazy_modules import pd
-from calib.text_files.user_table import plain
+from calib.text_files.column_names import plain
 
 _SLOWEST_S = 0.5  # between two rows of a log; a pose a row takes longer, as the arm has to get there
 _TIMES = ("time", "timestamp", "t", "stamp", "times", "zeit", "zeitstempel", "rosbagtimestamp", "headerstamp",

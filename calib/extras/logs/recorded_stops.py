@@ -35,8 +35,9 @@ from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
 from calib.statistics import mad_sigmas, rms
+from calib.text_files.column_names import split_unit
 from calib.text_files.records import table_file
-from calib.text_files.user_table import UserTable, split_unit
+from calib.text_files.user_table import UserTable
 
 _ONE_CLOCK_S = 10.0  # at most, by which clocks differ within one file
 _MARGIN_S = 0.1  # at both ends of a phase, in which points are not used

@@ -29,10 +29,11 @@ from calib.extras.logs.series import (
 )
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
+from calib.text_files.column_names import plain, split_unit
 from calib.text_files.csv_text import as_number
 from calib.text_files.records import flat_record, is_records
 from calib.text_files.text_file import decoded
-from calib.text_files.user_table import UserTable, load_table, parse_table, plain, split_unit
+from calib.text_files.user_table import UserTable, load_table, parse_table
 
 MOST_BYTES = 4_000_000_000
 _MOST_NUMBERS = 200_000_000  # of a parquet file

@@ -17,7 +17,8 @@ from calib.calibration.calibrate import fit_measured
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.points_csv import points_frame
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, recognised
+from calib.dataset_import.pose_names import comparable_id
+from calib.dataset_import.reading import ImportReport, pose_ids, recognised
 from calib.errors import CalibError
 from calib.extras.camera.board import board_of
 from calib.extras.camera.board_hand_eye import BoardHandEye
@@ -175,9 +176,9 @@ class CameraPoints:
 def ids_of(table: UserTable, mapping: Mapping[str, Meaning], robot: Robot | None = None) -> list[str]:
     """Ids of the poses of a table's rows. Raises CalibError where it lacks joint values of a given robot."""
     report = ImportReport(robot)
-    meant = recognised(report, table, mapping, positions=False)
+    found = recognised(report, table, mapping, positions=False)
     report.raise_all()
-    return pose_ids(ImportReport(None), table, meant)
+    return pose_ids(ImportReport(None), found)
 
 
 @one_blas_thread()

@@ -14,8 +14,9 @@ from calib import frames
 from calib.array_types import Array
 from calib.dataset_import.flange_columns import ANY_FORM, FIXED, VECTOR, XYZ, ZYX, ZYZ, FlangeColumns, flange_columns
 from calib.errors import CalibError
+from calib.text_files.column_names import UNITS, plain, split_unit
 from calib.text_files.csv_text import as_number
-from calib.text_files.user_table import UNITS, UserTable, plain, split_unit
+from calib.text_files.user_table import UserTable
 
 _REACH_M = 20.0  # places below are metres where no unit is told
 _MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}

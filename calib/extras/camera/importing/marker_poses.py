@@ -21,7 +21,8 @@ from calib.array_types import Array
 from calib.dataset_import.flange_columns import VECTOR, flange_columns
 from calib.errors import CalibError
 from calib.extras.camera.importing.documents import SUFFIXES, documents, number_array
-from calib.text_files.user_table import UNITS, UserTable, load_table, split_unit
+from calib.text_files.column_names import UNITS, split_unit
+from calib.text_files.user_table import UserTable, load_table
 
 EASY_HANDEYE = "robot"  # name of the arm's pose in a sample of easy_handeye
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
