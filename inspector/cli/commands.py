@@ -34,6 +34,7 @@ CORE = (
     Command("simulate", f"{_OPTIONS}.datasets:SimulateOptions", "inspector.cli.robots.simulate_command:run_simulate"),
     Command("check", f"{_OPTIONS}.fits:CheckOptions", "inspector.cli.fit_commands:run_check"),
     Command("convert", f"{_OPTIONS}.robots:ConvertOptions", "inspector.cli.robots.convert_command:run_convert"),
+    Command("where", f"{_OPTIONS}.robots:WhereOptions", "inspector.cli.robots.where_command:run_where"),
     Command("import", f"{_OPTIONS}.robots:ImportOptions", "inspector.cli.robots.import_command:run_import"),
 )
 

@@ -23,6 +23,18 @@ class ConvertOptions(RobotFileOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class WhereOptions(RobotFileOptions):
+    """Where an arm's frames are at joint values, in every form, and how two told poses differ."""
+
+    robot: str = argument("a robot's file, dataset or name; or a table of poses", metavar="ROBOT|FILE")
+    poses: Path | None = argument(
+        "a table of joint values, or of poses to compare with: x, y, z and an attitude", metavar="FILE", required=False
+    )
+    joints: str | None = option("in degrees and mm, such as --joints=0,-90,90,0,90,0, or a table", metavar="Q|FILE")
+    frame: str | None = option("the frame to tell in full (default: the tip)", metavar="NAME")
+
+
+@dataclass(frozen=True, kw_only=True)
 class ImportOptions(RobotFileOptions):
     """A dataset folder from a robot, joint values and measured points, or from a zip of them."""
 

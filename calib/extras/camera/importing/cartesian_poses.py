@@ -12,11 +12,11 @@ from calib import frames
 from calib.array_types import Array
 from calib.dataset_import.columns import Meaning, recognise
 from calib.dataset_import.flange_columns import has_flange_poses
+from calib.dataset_import.flange_poses import FlangePoses, readings_of
 from calib.errors import CalibError
 from calib.extras.camera.board_hand_eye import misfit_mm
 from calib.extras.camera.importing.camera_views import MOUNTS, CameraChoice, CameraPoints
 from calib.extras.camera.importing.documents import SUFFIXES
-from calib.extras.camera.importing.flange_poses import FlangePoses, readings_of
 from calib.extras.camera.importing.marker_poses import EASY_HANDEYE, MarkerPoses, load_flange_poses
 from calib.kinematics.cartesian import cartesian_arm, joints_of_poses
 from calib.kinematics.robot import Robot

@@ -6,7 +6,7 @@ What a camera saw at the poses tells which it is (`cartesian_poses`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,8 +31,11 @@ class FlangePoses:
     columns: tuple[str, ...] = ()  # of a table that they were read from
 
 
-def readings_of(table: UserTable) -> list[FlangePoses]:
-    """Every reading of a table's flange poses, the usual ones first. Raises CalibError where there is none."""
+def readings_of(table: UserTable, *, any_form: bool = False) -> list[FlangePoses]:
+    """Every reading of a table's flange poses, the usual ones first. Raises CalibError where there is none.
+
+    any_form: whether three angles may be meant in any way, whatever their columns are called.
+    """
     named = flange_columns(table) if table.has_header else None
     choices = _by_number(table) if not table.has_header else [] if named is None else [named]
     if not choices:
@@ -40,6 +43,8 @@ def readings_of(table: UserTable) -> list[FlangePoses]:
             f"{table.path}: line 1: found {', '.join(table.columns[:30])}; poses of the flange are x, y, z with "
             "rx, ry, rz, with a, b, c, with roll, pitch, yaw, or with qx, qy, qz, qw"
         )
+    if any_form:
+        choices = [replace(each, forms=tuple(dict.fromkeys((*each.forms, *ANY_FORM)))) for each in choices]
     return [one for columns in choices for one in _readings(table, columns)]
 
 
