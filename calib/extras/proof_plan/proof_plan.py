@@ -42,7 +42,7 @@ _BETTER = 0.15  # of probability, by which new pairs have to be better than pose
 _EASE = {APPROACH: 0.0, PAYLOAD: 0.02, TEMPERATURE: 0.1}  # of probability, that a change's trouble counts as
 _TRIALS = 60  # simulated follow-ups
 _CAUSES = 30  # drawn causes that pairs are chosen for
-_NEW = 150  # new poses that are offered
+_NEW = 200  # new poses that are offered
 _SIGNS = 20  # draws of a size that has to be positive
 
 
@@ -127,8 +127,9 @@ def change_for(
     for k in rng.choice(len(hypotheses), max(_CAUSES, _TRIALS), p=likely / likely.sum()):
         members = hypotheses[k].members
         positive = np.array([p.positive for member in members for p in member.parameters])
-        last, *draws = (posteriors.draw(int(k), rng) for _ in range(_SIGNS))
-        values = next((one for one in draws if np.all(one[positive] >= 0.0)), last)
+        for values in (posteriors.draw(int(k), rng) for _ in range(_SIGNS)):
+            if np.all(values[positive] >= 0.0):
+                break
         ends = np.cumsum([len(member.parameters) for member in members])[:-1]
         each = np.split(np.where(positive, np.abs(values), values), ends)
         drawn.append(DrawnCause(hypotheses[k].name, dict(zip(members, each, strict=True))))
