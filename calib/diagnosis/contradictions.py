@@ -34,14 +34,16 @@ def contradictions(
         rivals: effects that could explain what the pairs show, which these refute where they do not prove them.
     """
     fitted = last.fit.by_name
-    proven = {proof.effect for proof in proofs}
+    proven = {one.effect for proof in proofs for one in (proof, *proof.alike)}
     instead = tuple(name for name in claimed if name in rivals and name not in proven)
     out = []
     for proof in proofs:
-        found = fitted.get(proof.full_name)
-        if found is not None:
-            if abs(found[0] - proof.value) > MAX_SIGMAS * float(np.hypot(found[1], proof.sigma)):
-                out.append(Contradiction(proof, found))
-        elif instead and proof.effect not in claimed:
+        alike = proof.alike or (proof,)
+        found = [(fitted[one.full_name], one) for one in alike if one.full_name in fitted]
+        if found:
+            (value, sigma), one = found[0]
+            if len(found) == 1 and abs(value - one.value) > MAX_SIGMAS * float(np.hypot(sigma, one.sigma)):
+                out.append(Contradiction(proof, found[0][0]))
+        elif instead and not {one.effect for one in alike} & set(claimed):
             out.append(Contradiction(proof, None, instead))
     return tuple(out)

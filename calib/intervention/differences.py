@@ -70,8 +70,11 @@ class Differences:
         """The residual (R_train,) of the fitted pairs with the nuisance projected out."""
         return self._projected(self.residual[self.train])
 
-    def columns(self, member: Effect) -> Array:
-        """Derivative (R, K) of the whitened points by an effect's parameters per usual size, less the place's mean."""
+    def columns(self, member: Effect, least: float = 0.0) -> Array:
+        """Derivative (R, K) of the whitened points by an effect's parameters per usual size, less the place's mean.
+
+        Zero where the mean is all but a share `least`, or rounding.
+        """
         values = np.zeros(len(member.parameters))
         out = np.empty((len(self.row), 3, len(values)))
         for target, state in self.states.items():
@@ -81,7 +84,7 @@ class Differences:
         moved = without_mean(raw, self.whiten, self.cell)
         raw = raw.reshape(-1, len(values))
         moved = moved.reshape(-1, len(values))
-        moved[:, np.linalg.norm(moved, axis=0) <= _SAME * np.linalg.norm(raw, axis=0)] = 0.0
+        moved[:, np.linalg.norm(moved, axis=0) <= max(least, _SAME) * np.linalg.norm(raw, axis=0)] = 0.0
         return np.asarray(moved)
 
     def visible(self, columns: Array) -> Array:

@@ -21,8 +21,8 @@ from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
-from calib.effects.effect import Parameter, family_name
-from calib.effects.gravity import has_masses
+from calib.effects.catalogue import effects_for
+from calib.effects.effect import Effect, Parameter, family_name
 from calib.errors import FitError
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
@@ -30,7 +30,7 @@ from calib.fitting.residual import Linearisation
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.trust_region import solve
 from calib.intervention.differences import differences_of, without_mean
-from calib.intervention.pairs import PAYLOAD, PairedPoses, find_pairs
+from calib.intervention.pairs import PairedPoses, find_pairs
 from calib.intervention.proof import Intervention
 from calib.statistics import group_numbers
 
@@ -67,15 +67,16 @@ def joint_fit(
         interventions: what its paired poses prove.
         instead: effects of its model that the pairs refute.
     """
-    proven = [member for one in interventions for member in one.proven_members]
-    conditions = {name for one in interventions if one.proofs for name in one.conditions}
+    proven = [alike for one in interventions for alike in one.proven_members]
     if not proven or calibration.options.residual not in ("position", "pairs"):
         return None
-    if PAYLOAD in conditions and not has_masses(calibration.dataset.robot):
-        return None  # the differences need no masses, the fit of single poses does
     before = calibration.model
     kept = [effect for effect in before.effects if family_name(effect) not in instead]
-    added = [member for member in dict.fromkeys(proven) if member not in kept]
+    # Differences need no masses; for single poses an effect has members that allow for unknown ones.
+    known = [member for family in effects_for(calibration.dataset) for member in family.members]
+    own = {_carrier(member): member for member in known}
+    needed = [[m if m in known else own.get(_carrier(m), m) for m in alike] for alike in proven]
+    added = list(dict.fromkeys(alike[0] for alike in needed if not any(member in kept for member in alike)))
     model = replace(before, effects=(*kept, *added))
     values = dict(zip((p.name for p in before.parameters), calibration.fit.x.tolist(), strict=True))
     x = np.array([values.get(p.name, 0.0) for p in model.parameters])
@@ -99,6 +100,11 @@ def joint_fit(
         dropped=tuple(dict.fromkeys(family_name(effect) for effect in before.effects if effect not in kept)),
         misfit=float(np.sqrt(tau2)),
     )
+
+
+def _carrier(member: Effect) -> tuple[str, str, int | None]:
+    """Effect, its first value and the joint: the same for members of known and of unknown masses."""
+    return family_name(member), member.parameters[-1].name, getattr(member, "joint", None)
 
 
 @dataclass(frozen=True)

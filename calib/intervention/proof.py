@@ -1,9 +1,11 @@
 """What differences of paired poses prove: causes without which no explanation of them is nearly as good.
 
-All members of all effects of the catalogue compete for the differences under one condition at once. The best set of
-them is found, and each of its members is then forbidden in turn: it is proven where the best explanation without it,
-by whatever other members, has less log evidence by `MIN_LEAD`, and where F test, held-out pairs, sign and natural
-bounds agree. The noise is estimated with each explanation, so a wrongly declared sigma proves nothing.
+All members of all effects of the catalogue that the condition can move compete for the differences at once. The best
+few of them are found, and each is then forbidden in turn: it is proven where the best explanation without it, by
+whatever other members, has less log evidence by `MIN_LEAD`, whichever place is left out, and where F test, held-out
+pairs, sign and natural bounds agree. One that only takes its place, with a similar size, is no rival: the poses cannot
+tell both apart, and they are proven together, as a set. What would have to be larger than nature has it explains
+nothing. The noise is estimated with each explanation, so a wrongly declared sigma proves nothing.
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ from calib.intervention.pairs import APPROACH, PAYLOAD, SETUP, TARGET, TIME, Pai
 from calib.intervention.payload_sag import ToolSagUnderPayload
 from calib.kinematics.robot import Robot
 from calib.screening.evidence import FamilyColumns, evaluate_family
-from calib.statistics import f_sf
+from calib.screening.leverage import changes_without_each
+from calib.statistics import f_sf, group_numbers
 
 MIN_LEAD = 3.5
 """Log evidence by which the best explanation without a cause has to be worse; with 3.5 one of 400 cases is wrong."""
@@ -47,11 +50,15 @@ _NONLINEAR = ("nonlinear_stiffness", "gravity_backlash", "bearing_clearance")
 _NEXT_TERM = {"nonlinear_stiffness": "joint_compliance"}
 """Effects that are the next term of another's law: no rival of it, and looked for beside it."""
 _LEVELS_OF_NEXT_TERM = 3  # of the condition: two show a slope, three its change
+_MOVED = 0.01  # share of a column that a condition has to change, if the effect is not known to follow it
+_SAME_SIZE = 3.0  # times the value of one member of a set that another one may have
+_MOST_ALIKE = 4
+_LEFT = 0.5  # share of `MIN_LEAD` that has to be left whichever place is left out
 
 
 @dataclass(frozen=True)
-class Proof(Brief):
-    """A parameter of an effect that differences of paired poses prove."""
+class ProvenValue(Brief):
+    """A parameter of one member of an effect, with its value."""
 
     effect: str
     joint: int | None  # counted from 1
@@ -59,10 +66,17 @@ class Proof(Brief):
     value: float
     sigma: float
     unit: str
+    full_name: str  # of the parameter in a model
+
+
+@dataclass(frozen=True)
+class Proof(ProvenValue):
+    """A parameter of an effect that differences of paired poses prove, alone or as the first of a set."""
+
     pairs: int  # that were fitted
     condition: str  # column of poses.csv that was changed; several joined by ", "
-    lead: float  # log evidence over the best explanation without it
-    full_name: str  # of the parameter in a model
+    lead: float  # log evidence over the best explanation without it, or without any of the set
+    alike: tuple[ProvenValue, ...] = ()  # what these pairs cannot tell apart, itself the first; () where it is alone
 
     def _brief(self) -> str:
         return f"{self.full_name} = {self.value:.3g} +- {self.sigma:.2g} {self.unit}, {self.pairs} pairs"
@@ -86,7 +100,7 @@ class Intervention(Brief):
     held_out: int  # pairs of test poses
     proofs: tuple[Proof, ...]
     open_causes: tuple[Cause, ...]  # that the differences call for, but do not tell apart; the likeliest first
-    proven_members: tuple[Effect, ...] = ()  # of effects, that the proofs are of
+    proven_members: tuple[tuple[Effect, ...], ...] = ()  # of effects, that the proofs are of, each with those alike
     displacements: PairDisplacements | None = None  # of real pairs; None where a simulated follow-up was judged
 
     def _brief(self) -> str:
@@ -155,17 +169,18 @@ def decided(differences: Differences, candidates: Sequence[PairCandidate], *, na
             found = with_next
     proofs: list[Proof] = []
     open_causes: list[Cause] = []
-    members: list[Effect] = []
+    members: list[tuple[Effect, ...]] = []
     for one in found.chosen:
         may_be_proven = follows(one.member, paired.conditions) and _is_significant(differences, found, one)
         if not may_be_proven and not name_open:
             continue
-        rivals = _Explanation.of(differences, [c for c in found.candidates if _is_rival(c, one)])
-        proven = _proof(differences, found, rivals, one) if may_be_proven else []
+        alike, rivals = _stand_ins(differences, found, one)
+        proven, alike = _proof(differences, found, rivals, alike) if may_be_proven else ([], alike)
         proofs += proven
-        members += [one.member] if proven else []
-        if not proven:
-            open_causes += [_cause(one), *(_cause(rival) for rival in rivals.chosen if rival not in found.chosen)]
+        if proven:
+            members.append(tuple(c.member for c in alike))
+        else:
+            open_causes += map(_cause, [*alike, *(rival for rival in rivals.chosen if rival not in found.chosen)])
     return Intervention(
         conditions=paired.conditions,
         levels=paired.levels,
@@ -180,10 +195,15 @@ def decided(differences: Differences, candidates: Sequence[PairCandidate], *, na
 def candidates_of(
     differences: Differences, dataset: Dataset, user_effects: Sequence[Family] = ()
 ) -> list[PairCandidate]:
-    """Members of all effects that move with the condition otherwise than the instrument and the tool may have moved."""
+    """Members of all effects that move with the condition otherwise than the instrument and the tool may have moved.
+
+    Effects that do not follow it have to move for another reason, such as the time that went by: what the joints alone
+    decide differs between readings of the joints by noise.
+    """
     out = []
     for member in _members(dataset, differences.paired, user_effects):
-        columns = differences.columns(member)
+        least = 0.0 if follows(member, differences.paired.conditions) else _MOVED
+        columns = differences.columns(member, least)
         if not columns.any():
             continue
         visible = differences.visible(columns)
@@ -219,81 +239,154 @@ def with_masses(robot: Robot) -> Robot:
 
 @dataclass(frozen=True)
 class _Explanation:
-    """The members that explain the differences best, chosen among all candidates."""
+    """The few members that explain the differences best, chosen among all candidates."""
 
     candidates: tuple[PairCandidate, ...]
     chosen: tuple[PairCandidate, ...]
     log_evidence: float  # over noise alone
+    shaped: Array  # (R_train, K) visible columns of the chosen ones, times their prior scales
 
     @classmethod
     def of(cls, differences: Differences, candidates: Sequence[PairCandidate]) -> _Explanation:
-        """The best explanation by some candidates; none chosen where noise alone is as good."""
-        if not candidates:
-            return cls((), (), 0.0)
-        positive = tuple(c.positive for c in candidates)
-        columns = tuple(c.visible for c in candidates)
-        found = evaluate_family(FamilyColumns(differences.visible_residual, columns, differences.dof, positive))
-        if found.log_evidence <= 0.0:
-            return cls(tuple(candidates), (), 0.0)
-        chosen = tuple(candidates[k] for k in np.flatnonzero(found.scales).tolist())
-        return cls(tuple(candidates), chosen, found.log_evidence)
+        """The best explanation by sizes that nature has; none chosen where noise alone is as good."""
+        left = list(candidates)
+        while left:
+            data = FamilyColumns(
+                differences.visible_residual,
+                tuple(c.visible for c in left),
+                differences.dof,
+                tuple(c.positive for c in left),
+                few=True,
+            )
+            found = evaluate_family(data)
+            chosen = tuple(left[k] for k in np.flatnonzero(found.scales).tolist())
+            fitted = _fitted(differences, chosen)
+            natural = [_is_natural(one, *values) for one, values in zip(chosen, fitted, strict=True)]
+            if found.log_evidence <= 0.0:
+                break
+            if all(natural):
+                scales = found.scales[found.scales > 0.0]
+                shaped = [c.visible * scale for c, scale in zip(chosen, scales, strict=True)]
+                return cls(tuple(candidates), chosen, found.log_evidence, np.concatenate(shaped, axis=1))
+            left = [c for c in left if c not in chosen or natural[chosen.index(c)]]
+        return cls(tuple(candidates), (), 0.0, np.zeros((len(differences.visible_residual), 0)))
+
+    def lead_over(self, other: _Explanation) -> float:
+        """Log evidence over another explanation; over none at all, with what the choice costs, which F tests count."""
+        return self.log_evidence - other.log_evidence + (0.0 if other.chosen else float(np.log(len(self.candidates))))
+
+    def least_lead_over(self, other: _Explanation, differences: Differences) -> float:
+        """The same with that place left out that takes most of it away."""
+        place = np.repeat(group_numbers(differences.cell[differences.train[::3]]), 3)
+        ours, theirs = (
+            changes_without_each(differences.visible_residual, one.shaped, differences.basis, place, differences.dof)
+            for one in (self, other)
+        )
+        return self.lead_over(other) + float((ours - theirs).min())
+
+    def beside(self, one: PairCandidate) -> list[PairCandidate]:
+        """The chosen members but one."""
+        return [c for c in self.chosen if c is not one]
 
 
-def _proof(differences: Differences, found: _Explanation, rivals: _Explanation, one: PairCandidate) -> list[Proof]:
-    """The parameters of a chosen member as proofs; [] where it is not proven against the best rival explanation."""
-    others = [c for c in found.chosen if c is not one]
-    lead = found.log_evidence - rivals.log_evidence
-    if not rivals.chosen:  # against nothing at all, the F test counts the choice
-        lead += float(np.log(len(found.candidates)))
-    if lead < MIN_LEAD:
-        return []
-    values, sigmas = _fitted(differences, [*others, one])
-    for parameter, value, sigma in zip(one.parameters, values, sigmas, strict=True):
-        beyond = exceeded_bound(one.member, parameter, value, sigma) is not None
-        if (
-            beyond
-            or (parameter.positive and value < -2.0 * sigma)
-            or (one.positive and value <= 0.0 and len(values) == 1)
-        ):
-            return []
+def _stand_ins(
+    differences: Differences, found: _Explanation, one: PairCandidate
+) -> tuple[list[PairCandidate], _Explanation]:
+    """Members that take the place of a chosen one with the same size, itself the first, and the best without them."""
+    alike, others = [one], found.beside(one)
+    while True:
+        candidates = [c for c in found.candidates if c not in alike and _is_rival(c, one)]
+        rivals = _Explanation.of(differences, candidates)
+        new = [c for c in rivals.chosen if c not in found.chosen]
+        is_led = found.lead_over(rivals) >= MIN_LEAD or len(alike) == _MOST_ALIKE
+        if is_led or len(new) != 1 or not _is_as_large(differences, others, one, new[0]):
+            return alike, rivals
+        alike += new
+
+
+def _is_as_large(
+    differences: Differences, others: Sequence[PairCandidate], one: PairCandidate, other: PairCandidate
+) -> bool:
+    """Whether a member follows the condition, too, and has about the size of one whose place it takes."""
+    if len({p.unit for c in (one, other) for p in c.parameters}) > 1:
+        return False
+    sizes = np.abs([value for c in (one, other) for value in _fitted(differences, [*others, c])[-1][0]])
+    return follows(other.member, differences.paired.conditions) and bool(sizes.max() < _SAME_SIZE * sizes.min())
+
+
+def _proof(
+    differences: Differences, found: _Explanation, rivals: _Explanation, alike: list[PairCandidate]
+) -> tuple[list[Proof], list[PairCandidate]]:
+    """The parameters of a chosen member as proofs, [] where it is not proven, and those that may take its place.
+
+    Args:
+        differences: of paired poses.
+        found: the best explanation.
+        rivals: the best one without any of these.
+        alike: the chosen member, and those that may take its place.
+    """
+    one, others = alike[0], found.beside(alike[0])
+    lead = found.lead_over(rivals)
+    if lead < MIN_LEAD or found.least_lead_over(rivals, differences) < _LEFT * MIN_LEAD:
+        return [], alike
     if _held_out_is_worse(differences, others, one):
-        return []
-    paired, name = differences.paired, family_name(one.member)
-    joint = _joint(one.member)
+        return [], alike
+    kept = [c for c in alike if c is one or not _held_out_is_worse(differences, others, c)]
+    of_set = tuple(value for c in kept for value in _proven_values(differences, others, c))
+    paired, joint = differences.paired, _joint(one.member)
     is_side = paired.conditions == (APPROACH,) and joint is not None
-    return [
+    proofs = [
         Proof(
-            effect=name,
-            joint=None if joint is None else joint + 1,
-            parameter=parameter.name,
-            value=value,
-            sigma=sigma,
-            unit=parameter.unit,
+            **vars(value),
             pairs=differences.pairs,
             condition=f"{APPROACH}{joint + 1}" if is_side and joint is not None else ", ".join(paired.conditions),
             lead=lead,
-            full_name=full_name(one.member, parameter),
+            alike=of_set if len(kept) > 1 else (),
+        )
+        for value in _proven_values(differences, others, one)
+    ]
+    return proofs[:1] if len(kept) > 1 else proofs, kept
+
+
+def _proven_values(differences: Differences, others: Sequence[PairCandidate], one: PairCandidate) -> list[ProvenValue]:
+    """Values of a member beside others; of several parameters those that surely are not zero."""
+    cause, (values, sigmas) = _cause(one), _fitted(differences, [*others, one])[-1]
+    return [
+        ProvenValue(
+            cause.effect, cause.joint, parameter.name, value, sigma, parameter.unit, full_name(one.member, parameter)
         )
         for parameter, value, sigma in zip(one.parameters, values, sigmas, strict=True)
         if len(values) == 1 or abs(value) > 2.0 * sigma
     ]
 
 
+def _is_natural(one: PairCandidate, values: Sequence[float], sigmas: Sequence[float]) -> bool:
+    """Whether a member has sizes that nature has, and the sign that physics asks for."""
+    if one.positive and len(values) == 1 and values[0] <= 0.0:
+        return False
+    return not any(
+        exceeded_bound(one.member, parameter, value, sigma) is not None or (parameter.positive and value < -2.0 * sigma)
+        for parameter, value, sigma in zip(one.parameters, values, sigmas, strict=True)
+    )
+
+
 def _is_significant(differences: Differences, found: _Explanation, one: PairCandidate) -> bool:
     """Whether the F test says that a chosen member is needed beside the other chosen ones."""
-    others = [c for c in found.chosen if c is not one]
-    return _p_value(differences, others, one) * len(found.candidates) <= MAX_P
+    return _p_value(differences, found.beside(one), one) * len(found.candidates) <= MAX_P
 
 
-def _fitted(differences: Differences, candidates: Sequence[PairCandidate]) -> tuple[list[float], list[float]]:
-    """Least-squares values and sigmas of the last candidate's parameters, beside all others."""
+def _fitted(differences: Differences, candidates: Sequence[PairCandidate]) -> list[tuple[list[float], list[float]]]:
+    """Least-squares values and sigmas of each candidate's parameters, all fitted together."""
+    if not candidates:
+        return []
     columns = np.concatenate([c.visible for c in candidates], axis=1)
     scales = np.array([p.scale for c in candidates for p in c.parameters])
     x, square, inverse = _least_squares(differences, columns)
     noise2 = square / max(differences.dof - columns.shape[1], 1)
     sigma = np.sqrt(np.maximum(noise2 * np.diag(inverse), 0.0)) * scales
-    width = len(candidates[-1].parameters)
-    return (x * scales)[-width:].tolist(), sigma[-width:].tolist()
+    ends = np.cumsum([len(c.parameters) for c in candidates])[:-1]
+    parts = zip(np.split(x * scales, ends), np.split(sigma, ends), strict=True)
+    return [(values.tolist(), sigmas.tolist()) for values, sigmas in parts]
 
 
 def _least_squares(differences: Differences, columns: Array) -> tuple[Array, float, Array]:

@@ -23,7 +23,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.verdict import ConfoundedSet
-from calib.effects.effect import Effect, full_name
+from calib.effects.effect import Effect, family_name, full_name
 from calib.effects.state import Seen
 from calib.fitting.model import effect_columns, point_by_state
 from calib.fitting.observations import linearise_points
@@ -85,9 +85,25 @@ class HypothesisSet:
 
 
 def hypothesis_sets(diagnosis: Diagnosis) -> tuple[HypothesisSet, ...]:
-    """Sets of effects left confounded by a diagnosis, the set of which none leads the others first."""
+    """Sets of effects left confounded by a diagnosis, the set of which none leads the others first.
+
+    Last come those that paired poses prove together, as they cannot tell them apart.
+    """
     ordered = sorted(diagnosis.confounded_sets, key=lambda one: not one.is_undecided)
-    return tuple(_confounded(diagnosis, confounded) for confounded in ordered)
+    alike = [members for one in diagnosis.interventions for members in one.proven_members if len(members) > 1]
+    proven = {value.full_name: abs(value.value) for proof in diagnosis.proven for value in proof.alike}
+    sets = [_confounded(diagnosis, confounded) for confounded in ordered]
+    return (*sets, *(_proven_together(diagnosis, members, proven) for members in alike))
+
+
+def _proven_together(diagnosis: Diagnosis, members: tuple[Effect, ...], values: Mapping[str, float]) -> HypothesisSet:
+    """Set of hypotheses that each effect of some members that pairs cannot tell apart is the cause."""
+    names = dict.fromkeys(map(family_name, members))
+    by_name = {name: tuple(m for m in members if family_name(m) == name) for name in names}
+    return HypothesisSet(
+        diagnosis.calibration,
+        tuple(EffectHypothesis(name, own, dict(values), 0.0, 0.0) for name, own in by_name.items()),
+    )
 
 
 def _confounded(diagnosis: Diagnosis, confounded: ConfoundedSet) -> HypothesisSet:

@@ -36,6 +36,7 @@ class FamilyColumns:
     groups: tuple[Array, ...]
     dof: int
     positive: tuple[bool, ...] = ()
+    few: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
         return Evidence(1.0, 0.0, np.zeros(len(bounds)), nothing, np.zeros_like(family.residual), 0)
     p_value, rank = _gate(y, rest, triangle, bounds, family.dof)
     tried = []
-    if triangle.shape[1] <= most_columns(family.dof):
+    if triangle.shape[1] <= most_columns(family.dof) and not family.few:
         together = np.ones(len(bounds), dtype=bool)
         shared_value, shared_scale = _best_scale(
             y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, family.dof

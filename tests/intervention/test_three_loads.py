@@ -54,7 +54,7 @@ def predicted_by(found: Intervention, made: Dataset) -> PairDisplacements:
     differences = differences_of(made, find_pairs(made)[0], fit.model.calibrated_robot(fit.fit.x))
     values = {proof.full_name: proof.value for proof in found.proofs}
     explained = np.zeros(len(differences.residual))
-    for member in found.proven_members:
+    for (member,) in found.proven_members:
         (parameter,) = member.parameters
         value = values[f"{member.name}.J{member.joint + 1}.{parameter.name}"]  # type: ignore[attr-defined]
         explained += differences.columns(member)[:, 0] * value / parameter.scale

@@ -111,6 +111,13 @@ def draw_pairs(
     )
 
 
+def with_joints_held(cell: Cell, at_rad: Sequence[float]) -> Cell:
+    """The cell with its last joints held at some angles."""
+    q = cell.q.copy()
+    q[:, -len(at_rad) :] = at_rad
+    return replace(cell, q=q)
+
+
 def places_of(cell: Cell) -> int:
     """Number of joint vectors, each measured in every run."""
     return len(np.unique(cell.q, axis=0))

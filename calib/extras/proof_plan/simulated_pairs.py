@@ -176,7 +176,7 @@ class MeasuredPairs:
                 explained += differences.columns(member) @ (values / np.array([p.scale for p in member.parameters]))
             noise = rng.standard_normal((len(differences.row), 3))
             found = decided(differences.simulated(explained, noise), self.candidates, name_open=False).proofs
-            proven = {(proof.effect, proof.joint) for proof in found}
+            proven = {(one.effect, one.joint) for proof in found for one in (proof, *proof.alike)}
             settled += bool(proven) and proven <= cause.carriers
         return settled / len(drawn)
 

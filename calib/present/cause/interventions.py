@@ -8,7 +8,7 @@ from calib.diagnosis.contradictions import Contradiction
 from calib.diagnosis.result import Diagnosis
 from calib.intervention.joint_fit import JointFit
 from calib.intervention.pairs import APPROACH, PAYLOAD, SPEED
-from calib.intervention.proof import MIN_LEAD, Intervention, Proof
+from calib.intervention.proof import MIN_LEAD, Intervention, Proof, ProvenValue
 from calib.present.effects import title, with_key
 from calib.present.fit.calibration import change_of_error
 from calib.present.results import keys_of
@@ -16,6 +16,7 @@ from calib.rendering import numbers
 from calib.rendering.blocks import Block, FigurePlace, Paragraph, Section, Words, effect, effects, joint, listed, spans
 
 PROVEN = "Proven by changing one thing"
+_VALUE = ("effect", "joint", "parameter", "value", "sigma", "unit")
 _TAKEN_AWAY = "the motion of the instrument and the shift of the tool between the runs are taken away."
 
 
@@ -43,12 +44,38 @@ def intervention_sentences(diagnosis: Diagnosis) -> list[Words]:
 def _proven(intervention: Intervention, proof: Proof) -> Words:
     pairs = numbers.count(intervention.held_out, "pair")
     confirmed = f" It predicts {pairs} of test poses, which no fit saw, no worse." if intervention.held_out else ""
+    size = numbers.with_sigma(proof.value, proof.sigma, proof.unit)
+    what = _together_alike(proof) or spans(
+        with_key(proof.effect), _of_joint(proof.joint), f", {proof.parameter} = {size}. "
+    )
     return spans(
-        f"Proven by {numbers.count(proof.pairs, 'pair')}, {_change(intervention)}: ", with_key(proof.effect),
-        _of_joint(proof.joint), f", {proof.parameter} = {numbers.with_sigma(proof.value, proof.sigma, proof.unit)}. "
+        f"Proven by {numbers.count(proof.pairs, 'pair')}, {_change(intervention)}: ", what,
         "Without it nothing in the catalogue explains the differences, in which all geometry cancels (log evidence "
         f"lower by {proof.lead:.1f}; {MIN_LEAD:g} is required).{confirmed}",
     )  # fmt: skip
+
+
+def _together_alike(proof: Proof) -> Words:
+    """Sentences on members that these poses cannot tell apart: the place on the arm, and by how much it yields."""
+    if not proof.alike:
+        return ()
+    along = sorted(proof.alike, key=_along_arm)
+    first, last = (
+        f"{'link' if is_link else 'joint'} {joint}" if joint else "the base"
+        for joint, is_link in map(_along_arm, (along[0], along[-1]))
+    )
+    low, high = min(one.value - one.sigma for one in along), max(one.value + one.sigma for one in along)
+    causes = dict.fromkeys((one.effect, one.joint) for one in along)
+    names = [spans(effect(name, title(name)), _of_joint(number)) for name, number in causes]
+    return spans(
+        f"the place between {first} and {last} yields, by {low:.1e} to {high:.1e} {proof.unit}; these poses cannot ",
+        "tell ", listed(names), " apart. ",
+    )  # fmt: skip
+
+
+def _along_arm(value: ProvenValue) -> tuple[int, bool]:
+    """Place of a member on the arm: its joint's number, and whether it is the link behind that joint."""
+    return value.joint or 0, value.effect.startswith("link_")
 
 
 def _not_proven(intervention: Intervention) -> list[Words]:
@@ -109,13 +136,12 @@ def _joint_document(diagnosis: Diagnosis) -> dict[str, Any] | None:
     found = diagnosis.joint_fit
     if found is None:
         return None
-    keys = ("effect", "joint", "parameter", "value", "sigma", "unit")
     roles = ("train_rmse_mm", "test_rmse_mm")
     return {
         **keys_of(found.calibration.after, *roles),
         **{f"alone_{key}": mm for key, mm in keys_of(diagnosis.calibration.after, *roles).items()},
         **keys_of(found, "weight_of_single", "added", "dropped"),
-        "values": [dict(zip(keys, row, strict=True)) for row in _joint_values(diagnosis, found)],
+        "values": [dict(zip(_VALUE, row, strict=True)) for row in _joint_values(diagnosis, found)],
     }
 
 
@@ -146,7 +172,8 @@ def proven_document(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "joint_fit": _joint_document(diagnosis),
         "proven": [
-            keys_of(proof, "effect", "joint", "parameter", "value", "sigma", "unit", "pairs", "condition")
+            keys_of(proof, *_VALUE, "pairs", "condition")
+            | ({"set": [keys_of(one, *_VALUE) for one in proof.alike]} if proof.alike else {})
             for proof in diagnosis.proven
         ],
     }
