@@ -23,17 +23,15 @@ from calib.models.refit import refit
 from calib.present.fit.calibration import (
     calibration_document,
     calibration_head,
-    fit_steps,
     outlier_hint,
     parameters,
-    step_table,
     steps_document,
     table_document,
 )
+from calib.present.fit.errors import step_table
 from calib.rendering.text import block_text
 from calib.robot_formats.calibrated_file import kept_template
 from calib.robot_formats.robot_form import forms_of, template_suffixes
-from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options.fits import CalibrateOptions
 from inspector.cli.options.shared import WithAdding
@@ -69,7 +67,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     """Fit a dataset, and write the calibrated table, the model and other files."""
     dataset = load(options.path, options, options.finder)
     outputs = [
-        options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out,
+        options.out, options.model_out, options.residuals, options.scene, options.session,
         options.urdf_out, options.kinematics_out, *(path for added in options.added for path in added.outputs()),
     ]  # fmt: skip
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
@@ -110,8 +108,6 @@ def run_calibrate(options: CalibrateOptions) -> int:
         from inspector.export.glb_scene import scene_glb  # with trimesh, which takes a while to load
 
         contents[options.scene] = scene_glb(result, dataset.poses.reference, SCENE_ARROWS)
-    if options.learned_out is not None:
-        contents[options.learned_out] = effect_file_text(result, options.learned_out.name)
     if options.session is not None:
         session = _as_session(options, dataset, steps)
         contents[options.session] = session_text(session, beside=options.session.parent)
@@ -193,7 +189,7 @@ def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
     """Terminal text of a calibration: parameters, errors after each addition, and warnings."""
     result = steps[-1].calibration
     way = [step.calibration for step in steps]
-    each = [step_table(fit_steps(steps))] if len(steps) > 1 else []
+    each = [step_table(steps)] if len(steps) > 1 else []
     return block_text(*parameters(result, table), *each, *calibration_head(result, way))
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from datetime import datetime
-from importlib.util import find_spec
 from pathlib import Path
 
 from calib.api.causes import diagnose
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
+from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS
@@ -18,10 +16,9 @@ from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, next_poses
-from calib.present.cause.diagnosis import diagnosis_document, diagnosis_presentation
+from calib.present.cause.diagnosis import brief_presentation, diagnosis_document, diagnosis_presentation
 from calib.rendering.text import block_text
 from calib.rendering.text import text as plain_text
-from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.calibrate_command import loaded_effects, require_plausible
 from inspector.cli.dataset_commands import found_corners, load, measured, searched, show, without
 from inspector.cli.model_commands import validate_model
@@ -32,7 +29,7 @@ from inspector.session.measuring import with_face_labels
 from inspector.session.session import Session
 from inspector.session.transitions import with_found
 
-PDF = ".pdf"
+MORE = "--verbose prints reasons, all candidates and what cannot be tested; inspector report and --json have all of it"
 
 
 def run_validate(options: ValidateOptions) -> int:
@@ -59,39 +56,21 @@ def run_validate(options: ValidateOptions) -> int:
 def run_report(options: ReportOptions) -> int:
     """Diagnose a dataset and write the report as a page, a PDF, or both."""
     from inspector.report.content import report_of
-    from inspector.report.pdf import pdf_of, require_browser
     from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
 
-    page, pdf = (None, options.out) if options.out.suffix.lower() == PDF else (options.out, options.pdf)
-    if page is None and options.pdf is not None:
-        raise CalibError(f"--out {options.out} is a PDF already; --pdf goes with --out FILE.html")
-    for path in filter(None, (page, pdf)):
-        if path.exists() and not (options.force or is_report(path)):
-            raise CalibError(f"{path}: exists and is no report; name another file, or --force to replace it")
-    if pdf is not None:
-        require_browser()  # before the work starts
+    out = options.out
+    if out.exists() and not (options.force or is_report(out)):
+        raise CalibError(f"{out}: exists and is no report; name another file, or --force to replace it")
     dataset = load(options.path, options, options.finder)
-    check_outputs(dataset, [page, pdf], [options.effects_file])
+    check_outputs(dataset, [out], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
     if options.residual == "pose":
         session = with_face_labels(session)
-    given = session.measured_for(options.residual)
-    found = diagnosed(given, options)
+    found = diagnosed(session.measured_for(options.residual), options)
     session = with_found(session, found)
-    report, now = report_of(session), datetime.now()
-    printed = None if pdf is None else pdf_of(report_html(report, now=now))
-    if page is not None:
-        scene = None
-        if find_spec("viser") is not None:  # an extra: without it the report has no 3D view
-            from inspector.scene.scene_page import scene_of
-
-            scene = scene_of(session)
-        write_text_atomically(page, report_html(report, now=now, scene=scene))
-    if pdf is not None and printed is not None:
-        write_bytes_atomically(pdf, printed)
-    files = {"report": str(options.out), "pdf": None if pdf is None else str(pdf)}
-    also = f" (and {pdf})" if page is not None and pdf is not None else ""
-    show(options, diagnosis_document(found, session.next_poses) | files, f"{options.out}{also}: {found.headline}")
+    write_text_atomically(out, report_html(report_of(session), now=datetime.now()))
+    document = diagnosis_document(found, session.next_poses) | {"report": str(out)}
+    show(options, document, f"{out}: {found.headline}")
     return 0
 
 
@@ -140,40 +119,43 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
     dataset = load(options.path, options, options.finder)
-    check_outputs(dataset, [options.learned_out, options.model_out], [options.effects_file])
+    check_outputs(dataset, [options.model_out], [options.effects_file])
     dataset = measured(dataset, options.residual)
     result = diagnosed(dataset, options, options.max_steps)
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)
     poses = next_poses(result)
     document = diagnosis_document(result, poses)
-    next_steps = planned_next(result, poses, options.path)
-    text = "\n".join([diagnosis_text(result, poses), *next_steps, *without(result.calibration.fitted_dataset)])
+    text = brief_text(result, poses, options.path)
+    if options.verbose:
+        next_steps = (f"next: {line}" for line in planned_next(result, poses, options.path))
+        left_out = without(result.calibration.fitted_dataset)
+        text = "\n".join([plain_text(diagnosis_presentation(result, poses)), *next_steps, *left_out])
     if options.model_out is not None:
         save_model(result.calibration, options.model_out)
-    if options.learned_out is not None and result.learned is not None:
-        write_text_atomically(options.learned_out, effect_file_text(result.calibration, options.learned_out.name))
-    elif options.learned_out is not None:
-        note = "no curves were learned, so there is nothing to write"
-        print(visible(f"inspector: warning: {options.learned_out}: {note}"), file=sys.stderr)
     show(options, document, text)
     return 0
 
 
 def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list[str]:
-    """Line with the command that plans the next poses to measure; [] where no further poses are advised."""
+    """Lines with the commands that lead on: they plan the next poses to measure, or write the calibrated table."""
     if poses is not None and poses.change is not None:
-        return [f"next: inspector plan {path} --for {poses.purpose} names the poses to measure again"]
+        return [f"inspector plan {path} --for {poses.purpose} names the poses to measure again"]
     if poses is not None:
-        return [f"next: inspector plan {path} --for split plans the poses that settle it"]
-    if result.verdict in ("adequate", "named") and result.held_out_beyond_noise is not None:
-        return [f"next: inspector plan {path} plans poses that tell more of the link errors"]
-    return []
+        return [f"inspector plan {path} --for split plans the poses that settle it"]
+    if result.verdict not in ("adequate", "named"):
+        return []
+    effects = "".join(f" --add {name}" for name in result.missing)
+    calibrate = f"inspector calibrate {path}{effects} --out robot.toml writes the calibrated table"
+    if result.held_out_beyond_noise is None:
+        return [calibrate]
+    return [f"inspector plan {path} plans poses that determine the link errors better", calibrate]
 
 
-def diagnosis_text(result: Diagnosis, poses: NextPoses | None) -> str:
-    """Terminal text of a diagnosis with poses to measure next."""
-    return plain_text(diagnosis_presentation(result, poses))
+def brief_text(result: Diagnosis, poses: NextPoses | None, path: Path) -> str:
+    """Terminal text of a diagnosis without the reasons."""
+    what_next = [*planned_next(result, poses, path), *without(result.calibration.fitted_dataset), MORE]
+    return plain_text(brief_presentation(result, what_next))
 
 
 def run_check(options: CheckOptions) -> int:

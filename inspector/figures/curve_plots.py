@@ -13,9 +13,10 @@ import plotly.graph_objects as go
 from calib.array_types import Array, BoolArray
 from calib.html_text import escape
 from calib.kinematics.robot import Robot
-from calib.present.fit.curves import input_label, read_unit
+from calib.present.fit.learned import input_label, read_unit
 from calib.screening.curves.fitted_curves import FittedCurve
-from inspector.figures.style import EDGE, SELECTED_COLOUR, Part, figure, selects_joint
+from inspector.figures.style import EDGE, NOWHERE, SELECTED_COLOUR, Part, figure, listed, scatter, selects_joint
+from inspector.markup.parts.palette import NEUTRAL
 
 CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
 _TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (56, 116, 68, 44)  # legend and first title; a panel; between two; last axis
@@ -54,7 +55,8 @@ def joint_curves(
         traces += _traces(curve, f"x{name}", f"y{name}", low + 0.05 * (high - low), first=k == 0)
         shapes += _unmeasured(curve, f"x{name}", f"y{name}")
         if curve.joint == selected:
-            shapes.append(_outline(f"x{name}", f"y{name}"))
+            outline = {"line": {"width": 2.5, "color": SELECTED_COLOUR}, "fillcolor": "rgba(0,0,0,0)"}
+            shapes.append(_rectangle(f"x{name} domain", f"y{name}", (0, 1), outline))
         titles.append(
             {
                 "text": f"<b>Joint {curve.joint + 1}</b>", "name": str(curve.joint + 1), "captureevents": True,
@@ -66,10 +68,11 @@ def joint_curves(
         layout[f"xaxis{name}"] = {
             "title": escape(input_label(curve, robot)), "domain": [left, left + width], "anchor": f"y{name}",
             "range": [float(x[0]), float(x[-1])], "zeroline": False, "nticks": 8, "standoff": 6,
+            "automargin": False,
         }  # fmt: skip
         layout[f"yaxis{name}"] = {
             "title": f"error, {curve.unit}", "domain": [bottom, top], "anchor": f"x{name}",
-            "range": [low, high], "zeroline": True, "nticks": 5,
+            "range": [low, high], "zeroline": True, "nticks": 5, "automargin": False,
         }  # fmt: skip
     legend = {
         "orientation": "h", "x": 0, "xanchor": "left", "y": 1.0 + 22.0 / inner_px, "yanchor": "bottom",
@@ -98,45 +101,33 @@ def _range(curve: FittedCurve) -> tuple[float, float]:
 
 def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, *, first: bool) -> list[Part]:
     """Traces of one curve; `rug` is the error at which the measured inputs are marked."""
-    x, y = curve.input_scale * curve.u, curve.scale * curve.value
-    half = 2.0 * curve.scale * curve.sigma
-    inside = curve.inside
+    x, y = _short(curve.input_scale * curve.u), _short(curve.scale * curve.value)
+    half = _short(2.0 * curve.scale * curve.sigma)
     axes = {"xaxis": xaxis, "yaxis": yaxis, "showlegend": first, "meta": selects_joint(curve.joint + 1)}
-    line = {"type": "scatter", "mode": "lines", **axes, "x": _short(x)}
-    no_line = {"color": "rgba(0,0,0,0)", "width": 0}
+    unseen = {**axes, "showlegend": False}
+    told = {"connectgaps": False, "customdata": listed(half)}
+    edge = {"color": "rgba(0,0,0,0)", "width": 0}
+    fill = {"legendgroup": BAND, "fill": "tonexty", "fillcolor": _BAND_COLOUR}
+    ticks = {"symbol": "line-ns", "size": 7, "line": {"color": EDGE, "width": 1}}
     hover = (
         f"joint {curve.joint + 1}: %{{y:.3g}} ± %{{customdata:.2g}} {curve.unit}<br>at %{{x:.4g}} "
-        f"{read_unit(curve.input_unit)}<extra></extra>"
+        f"{read_unit(curve.input_unit)}"
     )
+    outside, inside = np.where(_closed(~curve.inside), y, np.nan), np.where(curve.inside, y, np.nan)
+    rugs = np.full(len(curve.measured), rug)
     return [
-        {
-            **line, "name": "upper", "y": _short(y + half), "line": no_line, "hoverinfo": "skip",
-            "showlegend": False,
-        },
-        {
-            **line, "name": BAND, "legendgroup": BAND, "y": _short(y - half), "line": no_line, "fill": "tonexty",
-            "fillcolor": _BAND_COLOUR, "hoverinfo": "skip",
-        },
-        {
-            **line, "name": "outside", "showlegend": False, "y": _short(np.where(_closed(~inside), y, np.nan)),
-            "connectgaps": False, "line": {"color": "#8A8F98", "width": 1.5}, "customdata": _short(half),
-            "hovertemplate": hover,
-        },
-        {
-            **line, "name": CURVE, "legendgroup": CURVE, "y": _short(np.where(inside, y, np.nan)),
-            "line": {"color": _CURVE_COLOUR, "width": 2}, "connectgaps": False, "customdata": _short(half),
-            "hovertemplate": hover,
-        },
-        {
-            "type": "scatter", "mode": "markers", **axes, "name": MEASURED, "legendgroup": MEASURED,
-            "x": _short(curve.input_scale * curve.measured),
-            "y": [rug] * len(curve.measured), "hoverinfo": "skip",
-            "marker": {"symbol": "line-ns", "size": 7, "line": {"color": EDGE, "width": 1}},
-        },
-        {
-            "type": "scatter", "mode": "markers", **axes, "name": OUTSIDE, "x": [None], "y": [None],
-            "marker": {"size": 11, "symbol": "square", "color": _GREY},
-        },
+        scatter("upper", x, _short(y + half), line=edge, more=unseen),
+        scatter(BAND, x, _short(y - half), line=edge, more={**axes, **fill}),
+        scatter("outside", x, outside, line={"color": NEUTRAL, "width": 1.5}, hover=hover, more={**unseen, **told}),
+        scatter(
+            CURVE, x, inside, line={"color": _CURVE_COLOUR, "width": 2}, hover=hover,
+            more={**axes, **told, "legendgroup": CURVE},
+        ),
+        scatter(
+            MEASURED, _short(curve.input_scale * curve.measured), rugs, marker=ticks,
+            more={**axes, "legendgroup": MEASURED},
+        ),
+        scatter(OUTSIDE, NOWHERE, NOWHERE, marker={"size": 11, "symbol": "square", "color": _GREY}, more=axes),
     ]  # fmt: skip
 
 
@@ -144,20 +135,14 @@ def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[Part]:
     """Grey rectangles on either side of the measured range."""
     u, first, last = (curve.input_scale * v for v in (curve.u, curve.measured[:1], curve.measured[-1:]))
     return [
-        {
-            "type": "rect", "xref": xaxis, "yref": f"{yaxis} domain", "x0": float(x0), "x1": float(x1), "y0": 0,
-            "y1": 1, "layer": "below", "fillcolor": _GREY, "line": {"width": 0},
-        }
+        _rectangle(xaxis, yaxis, (float(x0), float(x1)), {"layer": "below", "fillcolor": _GREY, "line": {"width": 0}})
         for x0, x1 in ((u[0], first[0]), (last[0], u[-1]))
-    ]  # fmt: skip
+    ]
 
 
-def _outline(xaxis: str, yaxis: str) -> Part:
-    """Rectangle around a panel."""
-    return {
-        "type": "rect", "xref": f"{xaxis} domain", "yref": f"{yaxis} domain", "x0": 0, "x1": 1, "y0": 0, "y1": 1,
-        "line": {"width": 2.5, "color": SELECTED_COLOUR}, "fillcolor": "rgba(0,0,0,0)",
-    }  # fmt: skip
+def _rectangle(xref: str, yaxis: str, x: tuple[float, float], style: Part) -> Part:
+    """Rectangle as high as a panel."""
+    return {"type": "rect", "xref": xref, "yref": f"{yaxis} domain", "x0": x[0], "x1": x[1], "y0": 0, "y1": 1, **style}
 
 
 def _closed(outside: BoolArray) -> BoolArray:
@@ -165,6 +150,6 @@ def _closed(outside: BoolArray) -> BoolArray:
     return outside | np.append(outside[1:], False) | np.insert(outside[:-1], 0, False)
 
 
-def _short(values: Array) -> list[float | None]:
-    """Numbers with five figures; None for NaN, where plotly interrupts a line."""
-    return [float(f"{v:.5g}") if np.isfinite(v) else None for v in values]
+def _short(values: Array) -> Array:
+    """Numbers with five figures."""
+    return np.array([float(f"{v:.5g}") for v in values])

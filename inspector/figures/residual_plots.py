@@ -1,4 +1,4 @@
-"""Figures of residuals: against an input, over the work space, and against the part that an effect would explain.
+"""Figures of residuals: against an input, over the work space, against what is explained, and of two calibrations.
 
 Numbers in, plotly figures out; style and labels are in `inspector.figures.style`. The selected pose is a trace of its
 own, so that going from pose to pose changes that one (`select`) and draws nothing anew.
@@ -12,20 +12,33 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.html_text import escape
 from calib.present.names import ROLES
-from inspector.figures.robust_axis import beyond, robust_range
-from inspector.figures.style import EDGE, SELECTED_COLOUR, SELECTS_POSE, SIGNED_SCALE, Part, figure, shortened
+from inspector.figures.robust_axis import robust_range, within_range
+from inspector.figures.style import (
+    EDGE,
+    NOWHERE,
+    SELECTED_COLOUR,
+    SIGNED_SCALE,
+    Part,
+    agreement,
+    figure,
+    listed,
+    of_poses,
+    of_role,
+    scatter,
+    shortened,
+)
 from inspector.markup.parts.colour_scale import ERROR
-from inspector.markup.parts.palette import ROLE_COLOURS
+from inspector.markup.parts.palette import BESIDE_COLOURS, NEUTRAL, ROLE_COLOURS
 
 SELECTED = "selected pose"
 MEDIAN = "training median"
 NOISE = "noise, 95 %"
 _MEDIAN_COLOUR = "#CC79A7"
-_SYMBOLS = {"train": "circle", "test": "diamond"}
 _SIZES = tuple(zip(np.linspace(0.0, 1.0, len(ERROR)).tolist(), ERROR, strict=True))  # as in the 3D view
+_AXIS_OF_VIEW = {"y": 1, "y2": 2}  # from above, from the side
 
 
 def residual_against(
@@ -55,56 +68,35 @@ def residual_against(
             }
         )  # fmt: skip
         grey = {"size": 11, "symbol": "square", "color": "rgba(138,143,152,0.45)"}
-        traces.append({"type": "scatter", "mode": "markers", "name": NOISE, "x": [None], "y": [None], "marker": grey})
+        traces.append(scatter(NOISE, NOWHERE, NOWHERE, marker=grey))
+    values_told = f"{escape(x_title)} %{{x:.5g}}<br>{escape(y_title)} %{{y:.4g}}"
     for role, rows in _roles(is_test):
-        traces.append(
-            {
-                "type": "scatter", "mode": "markers", "name": ROLES[role], "x": at[rows].tolist(),
-                "y": values[rows].tolist(), **_of_poses(ids, rows),
-                "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS[role]},
-                "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
-                f"{escape(y_title)} %{{y:.4g}}<extra></extra>",
-            }
-        )  # fmt: skip
+        hover = f"pose %{{customdata}} ({ROLES[role]})<br>{values_told}"
+        of = of_poses([ids[i] for i in rows])
+        traces.append(scatter(ROLES[role], at[rows], values[rows], marker=of_role(role), hover=hover, more=of))
     if smooth is not None and len(np.asarray(smooth[0])):
         traces.append(_line(np.asarray(smooth[0], dtype=float), np.asarray(smooth[1], dtype=float)))
     positive = bool(np.isfinite(values).any()) and float(np.nanmin(values)) >= 0.0
-    robust = robust_range(values, from_zero=positive)
-    extent: Part = {"rangemode": "tozero" if positive else "normal"}
-    words: list[Part] = []
-    if robust is not None:
-        extent = {"range": [robust.low, robust.high]}
-        unit = y_title.rpartition(", ")[2]
-        edge, text = beyond(robust, at.tolist(), values, list(map(escape, ids)), escape(unit))
-        traces, words = [*traces, edge], [text]
+    unit = escape(y_title.rpartition(", ")[2])
+    extent, edge, words = within_range(values, at.tolist(), list(map(escape, ids)), unit, from_zero=positive)
     fig = figure(
-        [*traces, _ring()],
-        xaxis={"title": escape(x_title), "automargin": True, "zeroline": False},
-        yaxis={
-            "title": escape(y_title), "automargin": True, "zeroline": True, **extent,
-        },
+        [*traces, *edge, _ring()],
+        xaxis={"title": escape(x_title), "zeroline": False},
+        yaxis={"title": escape(y_title), "zeroline": True, **extent},
         layout={"shapes": shapes, "annotations": words},
-    )  # fmt: skip
+    )
     return select(fig, selected)
-
-
-def _of_poses(ids: Sequence[str], rows: IndexArray) -> Part:
-    """Trace keys with which hovering names a point's pose and a click selects it."""
-    names = [escape(ids[i]) for i in rows]
-    return {"customdata": names, "ids": names, "meta": SELECTS_POSE}
 
 
 def _line(x: Array, y: Array) -> Part:
     known = np.isfinite(x)
     lone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
-    return {
-        "type": "scatter", "mode": "lines+markers", "name": MEDIAN, "x": _listed(x), "y": _listed(y),
-        "connectgaps": False, "hoverinfo": "skip", "line": {"color": _MEDIAN_COLOUR, "width": 3},
-        "marker": {
-            "symbol": "line-ew", "size": np.where(lone, 26, 0).tolist(),
-            "line": {"color": _MEDIAN_COLOUR, "width": np.where(lone, 3, 0).tolist()},
-        },
+    dashes = {
+        "symbol": "line-ew", "size": np.where(lone, 26, 0).tolist(),
+        "line": {"color": _MEDIAN_COLOUR, "width": np.where(lone, 3, 0).tolist()},
     }  # fmt: skip
+    line = {"color": _MEDIAN_COLOUR, "width": 3}
+    return scatter(MEDIAN, x, y, line=line, marker=dashes, more={"connectgaps": False})
 
 
 def place_views(
@@ -126,55 +118,44 @@ def place_views(
     usual = np.abs(shown if robust is None else shown[~robust.wild])
     largest = float(usual[np.isfinite(usual)].max(initial=0.0)) or 1.0
     scale_words = "" if robust is None else f"; {int(robust.wild.sum())} beyond, up to {robust.farthest:.3g}"
-    colour: Part = {
-        "cmin": -largest if signed else 0.0,
-        "cmax": largest,
-        "colorscale": SIGNED_SCALE if signed else _SIZES,
-    }
     bar = {
         "title": {"text": escape(title + scale_words), "side": "right"}, "thickness": 10, "len": 0.9, "outlinewidth": 0,
         "tickfont": {"size": 10}, "xpad": 4,
     }  # fmt: skip
+    colour = {
+        "cmin": -largest if signed else 0.0, "cmax": largest, "colorscale": SIGNED_SCALE if signed else _SIZES,
+        "size": 9, "line": {"color": EDGE, "width": 0.7},
+    }  # fmt: skip
     traces: list[Part] = []
-    for axis, letter in ((1, "y"), (2, "y2")):
-        first = letter == "y"
+    for view in _AXIS_OF_VIEW:
         for role, rows in _roles(is_test):
-            scale = {"colorbar": bar, "showscale": True} if not traces else {}
-            traces.append(
-                {
-                    "type": "scatter", "mode": "markers", "name": ROLES[role], "legendgroup": role,
-                    "showlegend": first, "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
-                    **_of_poses(ids, rows),
-                    "text": [f"{v:.4g}" for v in shown[rows]],
-                    "marker": {
-                        **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
-                        "line": {"color": EDGE, "width": 0.7},
-                    },
-                    "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>{escape(title)} %{{text}}<br>"
-                    f"x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
-                }
-            )  # fmt: skip
-        traces.append(_ring(letter))
+            scale = {} if traces else {"colorbar": bar, "showscale": True}
+            marker = {**of_role(role), **colour, **scale, "color": listed(shown[rows])}
+            more = {**of_poses([ids[i] for i in rows]), "text": [f"{v:.4g}" for v in shown[rows]]}
+            traces.append(_view_trace(view, role, place[rows], marker, more, f"{escape(title)} %{{text}}<br>"))
+        traces.append(_ring(view))
     return select(_two_views(traces), selected)
 
 
 def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]) -> go.Figure:
     """Measured places from above and from the side, coloured by role; `place_mm` (N, 3), base frame."""
     place = np.asarray(place_mm, dtype=float)
-    traces = [
-        {
-            "type": "scatter", "mode": "markers", "name": ROLES[role], "legendgroup": role,
-            "showlegend": letter == "y", "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
-            "customdata": [escape(ids[i]) for i in rows],
-            "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS.get(role, "square")},
-            "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>x %{{x:.0f}} mm, "
-            f"{'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
-        }
-        for axis, letter in ((1, "y"), (2, "y2"))
-        for role in ROLE_COLOURS
-        if (rows := [i for i, r in enumerate(roles) if r == role])
-    ]  # fmt: skip
-    return _two_views(traces)
+    return _two_views(
+        [
+            _view_trace(view, role, place[rows], of_role(role), {"customdata": [escape(ids[i]) for i in rows]})
+            for view in _AXIS_OF_VIEW
+            for role in ROLE_COLOURS
+            if (rows := [i for i, r in enumerate(roles) if r == role])
+        ]
+    )
+
+
+def _view_trace(view: str, role: str, place_mm: Array, marker: Part, more: Part, value: str = "") -> Part:
+    """Trace of places (K, 3) in a view of the work space, by the name of its y axis."""
+    axis = _AXIS_OF_VIEW[view]
+    hover = f"pose %{{customdata}} ({ROLES[role]})<br>{value}x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm"
+    of_view = {"legendgroup": role, "showlegend": view == "y", "yaxis": view, **more}
+    return scatter(ROLES[role], place_mm[:, 0], place_mm[:, axis], marker=marker, hover=hover, more=of_view)
 
 
 def _two_views(traces: Sequence[Part]) -> go.Figure:
@@ -198,7 +179,7 @@ def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
             continue
         ring.x, ring.y = [None], [None]
         for trace in points:
-            if trace.yaxis == ring.yaxis and name in trace.customdata:
+            if (trace.yaxis or "y") == ring.yaxis and name in trace.customdata:
                 at = list(trace.customdata).index(name)
                 ring.x, ring.y = [trace.x[at]], [trace.y[at]]
     return fig
@@ -209,26 +190,66 @@ def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, ids: Se
 
     explained, residual  # (R,) in sigmas of the noise; ids: the pose of each of them
     """
-    x, y = np.asarray(explained, dtype=float), np.asarray(residual, dtype=float)
-    ends = [float(x.min(initial=0.0)), float(x.max(initial=0.0))]
-    names = list(map(escape, ids))
+    x = np.asarray(explained, dtype=float)
+    hover = f"pose %{{customdata}}<br>{escape(name)} makes %{{x:.2f}} σ<br>residual %{{y:.2f}} σ"
+    return figure(
+        [_measured("training points, per coordinate", "train", x, residual, ids, hover), agreement(x, _MEDIAN_COLOUR)],
+        xaxis=f"what {shortened(name, 30)} would make, σ of the noise",
+        yaxis="residual, σ of the noise",
+    )
+
+
+def moved_by_change(moved_mm: Array, explained_mm: Array, ids: Sequence[str], held_out: BoolArray) -> go.Figure:
+    """Figure of measured displacements (P, 3) against those that the proven causes explain, with the line of agreement.
+
+    held_out: (P,) which pairs no fit saw.
+    """
+    hover = "pose %{customdata}<br>proven causes: %{x:.3f} mm<br>measured: %{y:.3f} mm"
+    groups = {"fitted pairs, per coordinate": ("train", ~held_out), "held-out pairs": ("test", held_out)}
     traces = [
-        {
-            "type": "scatter", "mode": "markers", "name": "training points, per coordinate", "x": x.tolist(),
-            "y": y.tolist(), "marker": {"size": 5, "color": ROLE_COLOURS["train"], "opacity": 0.8},
-            "meta": {**SELECTS_POSE, "values": names}, "customdata": names,
-            "hovertemplate": f"pose %{{customdata}}<br>{escape(name)} makes %{{x:.2f}} σ<br>"
-            "residual %{y:.2f} σ<extra></extra>",
-        },
-        {
-            "type": "scatter", "mode": "lines", "name": "agreement", "x": ends, "y": ends, "hoverinfo": "skip",
-            "line": {"color": _MEDIAN_COLOUR, "width": 2},
-        },
-    ]  # fmt: skip
+        _measured(
+            name, role, explained_mm[of].ravel(), moved_mm[of].ravel(), np.repeat(np.array(ids)[of], 3).tolist(), hover
+        )
+        for name, (role, of) in groups.items()
+        if of.any()
+    ]
+    return figure(
+        [*traces, agreement(explained_mm, NEUTRAL)],
+        xaxis="moved by the proven causes, mm",
+        yaxis="moved by the change, measured, mm",
+    )
+
+
+def _measured(name: str, role: str, x: ArrayLike, y: ArrayLike, ids: Sequence[str], hover: str) -> Part:
+    """Trace of what was measured, a point a coordinate, over what is explained of it."""
+    marker = {"size": 5, "color": ROLE_COLOURS[role], "opacity": 0.8}
+    return scatter(name, x, y, marker=marker, hover=hover, more=of_poses(ids, shared=True))
+
+
+def errors_beside(
+    names: tuple[str, str],
+    x: tuple[Array, Array],
+    error_mm: tuple[Array, Array],
+    ids: tuple[tuple[str, ...], tuple[str, ...]],
+    *,
+    x_title: str,
+    same_poses: bool,
+) -> go.Figure:
+    """Figure of 3D errors (N,) and (M,) of two calibrations against an input; a click selects a pose of the first.
+
+    same_poses: both are of the same measurements, so that a click on either selects.
+    """
+    traces = []
+    for k, colour in enumerate(BESIDE_COLOURS):
+        of = of_poses(ids[k])
+        marker = {"symbol": ("circle", "square-open")[k], "size": 8, "color": colour, "line": {"width": 1.5}}
+        hover = f"{escape(names[k])}, pose %{{customdata}}<br>{escape(x_title)} %{{x:.5g}}<br>error %{{y:.4g}} mm"
+        of = of if k == 0 or same_poses else {"customdata": of["customdata"]}
+        traces.append(scatter(shortened(names[k]), x[k], error_mm[k], marker=marker, hover=hover, more=of))
     return figure(
         traces,
-        xaxis={"title": f"what {shortened(name, 30)} would make, σ of the noise", "automargin": True},
-        yaxis={"title": "residual, σ of the noise", "automargin": True},
+        xaxis={"title": escape(x_title), "zeroline": False},
+        yaxis={"title": "error, mm", "rangemode": "tozero"},
     )
 
 
@@ -238,16 +259,6 @@ def _roles(is_test: ArrayLike) -> list[tuple[str, IndexArray]]:
     return [(role, at) for role, at in rows if len(at)]
 
 
-def _ring(yaxis: str | None = None) -> Part:
-    edge = SELECTED_COLOUR
-    return {
-        "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip",
-        "showlegend": False,
-        "marker": {"size": 16, "symbol": "circle-open", "color": edge, "line": {"width": 2.5, "color": edge}},
-        **({} if yaxis is None else {"yaxis": yaxis}),
-    }  # fmt: skip
-
-
-def _listed(values: Array) -> list[float | None]:
-    """Values as a list, with None for NaN, where plotly interrupts a line."""
-    return [float(v) if np.isfinite(v) else None for v in values]
+def _ring(yaxis: str = "y") -> Part:
+    ring = {"size": 16, "symbol": "circle-open", "color": SELECTED_COLOUR, "line": {"width": 2.5}}
+    return scatter(SELECTED, NOWHERE, NOWHERE, marker=ring, more={"showlegend": False, "yaxis": yaxis})

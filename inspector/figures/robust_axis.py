@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
-from inspector.figures.style import EDGE, SELECTS_POSE, VEIL, Part
+from inspector.figures.style import EDGE, SELECTS_POSE, VEIL, Part, scatter
 
 FAR = 4.0
 FEWEST = 8  # values of which some can be exceptions
@@ -57,26 +57,31 @@ def robust_range(values: ArrayLike, *, from_zero: bool = False) -> RobustRange |
     return RobustRange(low - (0.0 if from_zero else pad), high + pad, wild, farthest)
 
 
-def beyond(shown: RobustRange, x: Sequence[Any], values: Array, names: Sequence[str], unit: str) -> tuple[Part, Part]:
-    """Trace of triangles at the edge of the y axis for outlying values, and the text with their number."""
+def within_range(
+    values: Array, x: Sequence[Any], names: Sequence[str], unit: str, *, from_zero: bool
+) -> tuple[Part, list[Part], list[Part]]:
+    """Keys of a y axis that shows all but outlying values, triangles at its edge for these, and their number as a text.
+
+    x, names: of each value, where it stands on the x axis and its pose, escaped.
+    """
+    shown = robust_range(values, from_zero=from_zero)
+    if shown is None:
+        return {"rangemode": "tozero" if from_zero else "normal"}, [], []
     at = [int(i) for i in np.flatnonzero(shown.wild)]
     above = values[at] > shown.high
     inset = 0.02 * (shown.high - shown.low)
-    trace = {
-        "type": "scatter", "mode": "markers", "name": "beyond", "showlegend": False, "cliponaxis": False,
-        "x": [x[i] for i in at],
-        "y": np.where(above, shown.high - inset, shown.low + inset).tolist(),
-        "ids": [names[i] for i in at], "meta": {**SELECTS_POSE, "beyond": True},
+    more = {
+        "showlegend": False, "cliponaxis": False, "ids": [names[i] for i in at],
+        "meta": {**SELECTS_POSE, "beyond": True},
         "text": [f"pose {names[i]}<br>{values[i]:.4g} {unit}, beyond this axis<br>double-click: show all" for i in at],
-        "hovertemplate": "%{text}<extra></extra>",
-        "marker": {
-            "symbol": ["triangle-up" if up else "triangle-down" for up in above], "size": 11, "color": EDGE,
-        },
     }  # fmt: skip
+    triangles = {"symbol": np.where(above, "triangle-up", "triangle-down").tolist(), "size": 11, "color": EDGE}
+    y = np.where(above, shown.high - inset, shown.low + inset)
+    edge = scatter("beyond", [x[i] for i in at], y, marker=triangles, hover="%{text}", more=more)
+    side, shift, place = ("top", -14, 1) if above.any() else ("bottom", 14, 0)
     text = {
         "name": "beyond", "text": f"{len(at)} beyond, up to {shown.farthest:.3g} {unit}".strip().replace("-", "−"),
-        "xref": "paper", "yref": "y domain", "x": 1, "y": 1 if above.any() else 0, "xanchor": "right",
-        "yanchor": "top" if above.any() else "bottom", "yshift": -14 if above.any() else 14, "showarrow": False,
-        "font": {"size": 11}, "bgcolor": VEIL,
+        "xref": "paper", "yref": "y domain", "x": 1, "y": place, "xanchor": "right", "yanchor": side, "yshift": shift,
+        "showarrow": False, "font": {"size": 11}, "bgcolor": VEIL,
     }  # fmt: skip
-    return trace, text
+    return {"range": [shown.low, shown.high]}, [edge], [text]

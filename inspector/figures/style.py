@@ -14,10 +14,13 @@ import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import ArrayLike
 
+from calib.array_types import Array
 from calib.html_text import escape
-from inspector.markup.parts.palette import HIGHLIGHT, MEASURE
+from inspector.markup.parts.palette import HIGHLIGHT, MEASURE, ROLE_COLOURS
 
 Part = dict[str, Any]  # of a figure as plotly takes it: a trace, an axis, a shape, an annotation
 
@@ -26,6 +29,7 @@ SIGNED_SCALE = ((0.0, "#2166AC"), (0.25, "#92C5DE"), (0.5, "#F7F7F7"), (0.75, "#
 # Of a trace whose points' `ids` are poses, escaped: a click on one selects it (server/client/plots.js). Where points
 # share a pose, which ids may not, `values` in the trace's `meta` has a value for each point.
 SELECTS_POSE = {"ask": "pose"}
+NOWHERE = [math.nan]  # places of a trace that is in the legend alone
 SHOWS_STEP = {"ask": "step"}  # the same of points whose `ids` are steps of the model
 
 
@@ -43,6 +47,7 @@ INK = "#24292F"  # text on paper; saved figures keep it
 VEIL = "rgba(255,255,255,0.75)"  # behind text that may lie over marks, on paper
 EDGE = MEASURE  # outlines of points, marks of inputs
 SELECTED_COLOUR = HIGHLIGHT  # ring of the selected pose, outline of the selected joint
+_SYMBOLS = {"reference": "square", "train": "circle", "test": "diamond"}  # of poses by role
 _GRID, _ZERO = "rgba(128,128,128,0.25)", "rgba(128,128,128,0.7)"
 
 
@@ -78,6 +83,59 @@ def log_axis(low: float, high: float) -> dict[str, object]:
     }  # fmt: skip
 
 
+def listed(values: ArrayLike) -> list[Any]:
+    """Values as a list, with None for NaN, where plotly interrupts a line."""
+    return [None if isinstance(v, float) and math.isnan(v) else v for v in np.asarray(values).tolist()]
+
+
+def scatter(
+    name: str,
+    x: ArrayLike,
+    y: ArrayLike,
+    *,
+    marker: Part | None = None,
+    line: Part | None = None,
+    hover: str = "",
+    more: Mapping[str, Any] | None = None,
+) -> Part:
+    """Trace of points, a line, or both, with what hovering shows ("" for nothing) and further keys."""
+    drawn = {key: part for key, part in (("line", line), ("marker", marker)) if part is not None}
+    told = {"hovertemplate": f"{hover}<extra></extra>"} if hover else {"hoverinfo": "skip"}
+    mode = "+".join(f"{key}s" for key in drawn)
+    return {
+        "type": "scatter",
+        "mode": mode,
+        "name": name,
+        "x": listed(x),
+        "y": listed(y),
+        **drawn,
+        **told,
+        **(more or {}),
+    }
+
+
+def agreement(values: Array, colour: str) -> Part:
+    """Trace of the line on which two quantities are equal, over the range of `values`."""
+    ends = [float(values.min(initial=0.0)), float(values.max(initial=0.0))]
+    return scatter("agreement", ends, ends, line={"color": colour, "width": 2})
+
+
+def of_poses(ids: Sequence[str], *, shared: bool = False) -> Part:
+    """Trace keys with which hovering names a point's pose and a click selects it.
+
+    shared: several points are of one pose.
+    """
+    names = list(map(escape, ids))
+    return {"customdata": names} | (
+        {"meta": {**SELECTS_POSE, "values": names}} if shared else {"ids": names, "meta": SELECTS_POSE}
+    )
+
+
+def of_role(role: str, size: float = 8) -> Part:
+    """Marker of a pose by its role."""
+    return {"size": size, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS[role]}
+
+
 def _key(traces: Sequence[Part], *axes: Part) -> str:
     """Key that differs between figures of different data, so that a zoom stays with its own figure.
 
@@ -91,18 +149,22 @@ def _key(traces: Sequence[Part], *axes: Part) -> str:
 def figure(
     traces: Sequence[Part],
     *,
-    xaxis: Part,
-    yaxis: Part,
+    xaxis: Part | str,
+    yaxis: Part | str,
     margin: tuple[int, int, int, int] = (56, 12, 30, 42),
     layout: Mapping[str, Any] | None = None,
 ) -> go.Figure:
     """Figure of traces in the common style; `margin`: left, right, top, bottom, px; `layout`: further keys.
 
+    An axis is its title, or plotly's keys of it.
+
     Plotly's templates and its check of every value take fifty milliseconds a figure, which would be felt at each turn
     of a page; so there is no template, and the tests check the values.
     """
+    both = [{"title": own} if isinstance(own, str) else own for own in (xaxis, yaxis)]
     axes = {
-        "gridcolor": _GRID, "linecolor": _GRID, "zerolinecolor": _ZERO, "uirevision": _key(traces, xaxis, yaxis),
+        "gridcolor": _GRID, "linecolor": _GRID, "zerolinecolor": _ZERO, "automargin": True,
+        "uirevision": _key(traces, *both),
     }  # fmt: skip
 
     def axis(own: Part) -> Part:
@@ -122,7 +184,6 @@ def figure(
         "hoverlabel": {"font": {"size": 12}},
         "dragmode": "zoom",
         "showlegend": True,
-        "xaxis": axis(xaxis),
-        "yaxis": axis(yaxis),
+        **dict(zip(("xaxis", "yaxis"), map(axis, both), strict=True)),
     }  # fmt: skip
     return go.Figure({"data": list(traces), "layout": {**common, **more}}, _validate=False)

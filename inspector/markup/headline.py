@@ -9,7 +9,7 @@ from calib.diagnosis.budget import ErrorBudget
 from calib.diagnosis.headline import ErrorStage, Headline
 from calib.present.cause.budget import budget_parts, budget_sentence
 from calib.present.effects import title
-from calib.present.fit import error_headline as headlines
+from calib.present.fit import errors as headlines
 from calib.rendering import numbers
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html, asking, opening
@@ -84,7 +84,7 @@ def _stage(told: Headline, stage: ErrorStage, view: View) -> str:
     return (
         f'<span class="headline-stage" aria-pressed="{str(shown).lower()}" style="--of-version:{colour}"'
         f'{asking("step", step)} title="Show this model in 3D, tables and plots">'
-        f"<strong>{elements.text(headlines.stage_error(told, stage))}</strong>"
+        f"<strong>{elements.text(headlines.length(told, stage.error_mm))}</strong>"
         f"<span>{elements.text(_in_words(stage))}</span></span>"
     )
 

@@ -10,7 +10,7 @@ import viser
 from calib.calibration.plausibility import implausibility_reason
 from calib.errors import CalibError
 from calib.models.exported_table import exported_table
-from calib.present.fit.calibration import table_alone
+from calib.present.fit.errors import table_alone
 from calib.rendering.html import panel
 from calib.robot_formats.calibrated_file import kept_template
 from inspector.markup.parts import elements
@@ -21,8 +21,8 @@ from inspector.session.view import View
 
 NOTE = "Each file is made when you press and goes to your browser's downloads; the server keeps nothing."
 NOT_YET = "Nothing to take away yet: the model is fitted when the search has ended."
-REPORT, REPORT_PDF, OWN_FILE, TABLE, MODEL = (
-    "Report (HTML)", "Report (PDF)", "Your robot's file, calibrated", "Calibrated robot (TOML)", "Full model (JSON)",
+REPORT, OWN_FILE, TABLE, MODEL = (
+    "Report (HTML)", "Your robot's file, calibrated", "Calibrated robot (TOML)", "Full model (JSON)",
 )  # fmt: skip
 SESSION, SCREENSHOT = "Session (JSON)", "Screenshot (PNG)"
 RESIDUALS, POINTS, REDUNDANCY, SCENE = (
@@ -43,13 +43,9 @@ GROUPS: dict[str, dict[str, Item]] = {
     "Report": {
         REPORT: Item(
             viser.Icon.FILE_DESCRIPTION,
-            "One page for whoever owns the arm: verdict, figures, parameters, method. It opens without a network.",
+            "One page for whoever owns the arm: verdict, figures, parameters, method. It opens without a network "
+            "and prints on A4.",
             "inspector report",
-        ),
-        REPORT_PDF: Item(
-            viser.Icon.PRINTER,
-            "The same on A4, printed by the browser that is installed where this program runs.",
-            "inspector report --pdf",
         ),
     },
     "Robot": {
@@ -129,7 +125,6 @@ class DownloadsPanel(FollowsModel):
                 )
                 button.on_click(partial(_pressed, actions, name))
                 self._buttons[name], self._notes[name] = button, gui.add_html(elements.note(item.holds))
-        self.offer(REPORT_PDF, False)
 
     def update(self, view: View) -> None:
         """Show the downloads that this dataset allows, and what to know before a robot's file is used."""

@@ -8,7 +8,7 @@ from calib.diagnosis.headline import Headline as HeadlineFacts
 from calib.present.cause.actions import plain_verdict, what_to_do
 from calib.present.cause.budget import budget_blocks
 from calib.present.effects import model_name
-from calib.present.fit import error_headline as headlines
+from calib.present.fit import errors as headlines
 from calib.rendering.blocks import Block, Bullets, Drawing, KeyFigures, Paragraph, Verdict
 from calib.rendering.colours import VERDICT_COLOURS
 from inspector.markup.parts.palette import NEUTRAL
@@ -79,7 +79,7 @@ def _picture(report: Report, told: HeadlineFacts) -> Drawing:
     role = "test poses" if told.of_test_poses else "fitted poses"
     caption = (
         f"The arm at pose {pose}, {first.name} on the left and {_name_now(report)} on the right, with the error at "
-        f"{where} measured points, enlarged equally in both. The figures above are RMS at the {role}."
+        f"{where} measured points, enlarged equally in both. The figures named are RMS at the {role}."
     )
     return Drawing(arm_drawing(shown[0], shown[-1], words, reference), caption)
 

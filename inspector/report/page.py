@@ -19,19 +19,14 @@ MARK = '<meta name="generator" content="robot-calibration-inspector">'
 """Tells a report from any other file; among the first characters of the page."""
 
 
-def render(told: Presentation, policy: str = "", origin: str = "") -> str:
+def render(told: Presentation, origin: str = "") -> str:
     """HTML page of a presentation with its figures: the head (the first page when printed), then the sections.
 
-    policy: further directives of its Content-Security-Policy, which otherwise lets nothing load or run.
     origin: JSON of what it was made of, which `inspector verify` reads.
     """
     names = (f"figure{number}" for number in count(1))
     shown = drawn(told, draw, names)
-    return (
-        _templates()
-        .get_template("page.html")
-        .render(mark=MARK, policy=policy, origin=origin, title=told.title, **shown)
-    )
+    return _templates().get_template("page.html").render(mark=MARK, origin=origin, title=told.title, **shown)
 
 
 @cache

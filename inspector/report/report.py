@@ -10,7 +10,6 @@ from dataclasses import asdict, replace
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Protocol
 
 from calib.calibration.noise_level import check_sigma
 from calib.present.cause.candidates import FULL_RANKING, estimated_values, held_out_sentence, ranking, untestable_blocks
@@ -22,31 +21,22 @@ from calib.present.cause.diagnosis import (
     MISSING,
     PARAMETERS,
     RESIDUAL,
-    learned_section,
     reasons,
     verdict_block,
 )
 from calib.present.cause.interventions import intervention_sections
-from calib.present.fit.calibration import (
-    camera_sections,
-    error_tables,
-    history_caption,
-    last_change,
-    parameters,
-    pose_errors,
-    sigma_sentence,
-    step_table,
-)
+from calib.present.fit.calibration import camera_sections, parameters
 from calib.present.fit.dataset import measured_blocks
+from calib.present.fit.errors import error_tables, history_caption, last_change, pose_errors, sigma_sentence, step_table
+from calib.present.fit.learned import learned_section
 from calib.present.fit.redundancy import redundancy_section
 from calib.present.fit.residuals import residual_blocks
 from calib.present.origins import origin_blocks
-from calib.rendering.blocks import Block, Bullets, Drawing, Facts, FigurePlace, Paragraph, Presentation, Section
+from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section
 from calib.strict_json import to_json
 from inspector.report.content import Report
 from inspector.report.first_page import first_page
 from inspector.report.page import MARK, render
-from inspector.report.pdf import is_report_pdf
 
 METHOD = (
     "Frame i of the arm is Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i); a tool row of the same form "
@@ -66,10 +56,6 @@ REFERENCES = (
     "Park et al. 2022, Kinematic Calibration Based on Position of Robot Manipulator Eliminating Redundancy of "
     "Parameters, JKSPE 39(7) 517-528, doi 10.7736/JKSPE.022.023 (redundancy).",
 )
-SCENE_CAPTION = (
-    "Drag to turn, scroll to zoom. Arrows go from measured to predicted points; thin lines are those of the model "
-    "before. Browsers that run no scripts leave this view out."
-)
 PACKAGES = ("robot-calibration-inspector", "numpy", "scipy", "pandas", "open3d-cpu", "open3d", "plotly")
 
 
@@ -77,31 +63,16 @@ def is_report(path: Path) -> bool:
     """Whether a file is a report of this program, or empty, so that it may be replaced."""
     with path.open("rb") as file:
         start = file.read(2000)
-    return not start or MARK.encode() in start or is_report_pdf(path)
+    return not start or MARK.encode() in start
 
 
-class Embedded(Protocol):
-    """A view that a report embeds: an HTML element, and what its Content-Security-Policy must allow for it."""
-
-    @property
-    def frame(self) -> str: ...
-    @property
-    def policy(self) -> str: ...
-
-
-def report_html(report: Report, *, now: datetime, scene: Embedded | None = None) -> str:
-    """HTML of a report.
-
-    Args:
-        now: its date.
-        scene: the 3D view (`inspector.scene.scene_page.scene_of`); without it there is none.
-    """
+def report_html(report: Report, *, now: datetime) -> str:
+    """HTML of a report; `now`: its date."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
     sections = [
         Section(HOW, _reasons(report)),
         *([] if report.diagnosis is None else intervention_sections(report.diagnosis)),
         Section(HISTORY, _history(report)),
-        *([Section("The arm in 3D", [Drawing(scene.frame, SCENE_CAPTION)])] if scene else []),
         *camera_sections(report.calibration),
         Section(DATASET, measured_blocks(report.calibration, report.session.searches)),
         Section(MISSING, _ranking(report)),
@@ -115,7 +86,6 @@ def report_html(report: Report, *, now: datetime, scene: Embedded | None = None)
     ]
     return render(
         Presentation(f"Calibration report: {report.dataset.name}", first_page(report, made), sections),
-        "" if scene is None else scene.policy,
         to_json(asdict(report.origin)),
     )
 
@@ -139,12 +109,9 @@ def _reasons(report: Report) -> list[Block]:
 
 
 def _history(report: Report) -> list[Block]:
-    steps = report.session.history
-    caption = history_caption(report.calibration)
-    labels = ["as delivered", *(step.label for step in steps[1:])]
-    figures = [(s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm) for s in steps]
-    table = step_table([(label, *of_step) for label, of_step in zip(labels, figures, strict=True)])
-    return [FigurePlace("error_history", (report.session.steps,), caption), table, *error_tables(report.calibration)]
+    steps, caption = report.session.steps, history_caption(report.calibration)
+    figure = FigurePlace("error_history", (steps,), caption)
+    return [figure, step_table(steps, as_delivered=True), *error_tables(report.calibration)]
 
 
 def _ranking(report: Report) -> list[Block]:

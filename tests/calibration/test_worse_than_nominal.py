@@ -13,7 +13,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.diagnosis.headline import headline_of
 from calib.options import FitOptions
-from calib.present.fit import error_headline as headlines
+from calib.present.fit import errors as headlines
 from calib.present.fit.calibration import calibration_document, calibration_warnings
 from calib.rendering.numbers import column_mm
 from tests.support.arms import dataset_of, jang_arm, perturbed

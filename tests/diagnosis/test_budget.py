@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from calib.calibration.noise_level import DECLARED, FIT, NoiseLevel
 from calib.diagnosis.budget import LINKS, NOISE, UNKNOWN, ErrorBudget, budget_of_stages
 from calib.diagnosis.headline import ErrorStage, Headline
-from calib.present.fit.error_headline import error_headline
+from calib.present.fit.errors import error_headline
 
 EFFECTS = ("backlash", "joint_compliance", "tool_sag", "joint_dent", "link_bending")
 

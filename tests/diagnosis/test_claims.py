@@ -47,7 +47,7 @@ def test_names_beside_an_unexplained_rest_are_suspected_everywhere_and_claimed_n
     said = found.summary()
     assert "Suspected: joint compliance" in said
     assert "Missing: " not in said
-    assert "suspected, not shown" in said
+    assert "suspected, not confirmed" in said
     assert "ismantle" in said
     document = found.to_dict()
     assert (document["missing"], document["suspected"]) == ([], list(found.suspected))

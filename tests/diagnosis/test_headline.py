@@ -14,7 +14,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Scanner
 from calib.diagnosis.headline import NOISE_AGREES, ErrorStage, Headline, headline_of, noise_agrees
 from calib.effects.catalogue import effects_named
-from calib.present.fit.error_headline import error_headline, note
+from calib.present.fit.errors import error_headline, note
 from calib.rendering.text import block_text
 from tests.support.hidden_dataset import arm
 

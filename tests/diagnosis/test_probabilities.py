@@ -17,7 +17,7 @@ from calib.diagnosis.probabilities import (
     questions,
 )
 from calib.diagnosis.result import Diagnosis
-from calib.present.cause.probabilities import probability_sentence
+from calib.present.cause.budget import probability_sentence
 from calib.rendering.blocks import plain
 from tests.support.golden import SAMPLES
 

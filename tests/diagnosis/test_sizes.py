@@ -57,5 +57,5 @@ def test_a_value_beyond_nature_carries_a_doubt() -> None:
     for measured, doubted in ((temperature_c, False), (faint, True)):
         found = diagnose(replace(dataset, poses=replace(dataset.poses, temperature_c=measured)))
         assert found.named == ("thermal_growth",)
-        assert ("Doubt it: thermal_growth.kappa_per_k is" in found.summary()) == doubted
+        assert ("Implausible: thermal_growth.kappa_per_k is" in found.summary()) == doubted
         assert ("grows most, by 23e-6/K" in found.summary()) == doubted

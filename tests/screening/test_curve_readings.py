@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.array_types import Array
-from calib.present.fit.curves import part_words, reading_phrase, readings_document, sweep_sentence
+from calib.present.fit.learned import part_words, reading_phrase, readings_document, sweep_sentence
 from calib.screening.curves.readings import BUMP, ROUGH, SLOPE, WAVE, WAVES, CurveReading, Sweep, shape_of
 
 U = np.linspace(np.radians(-150.0), np.radians(140.0), 801)

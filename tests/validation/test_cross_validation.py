@@ -16,7 +16,7 @@ from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError
 from calib.options import FitOptions
-from calib.present.fit.calibration import sigma_sentence
+from calib.present.fit.errors import sigma_sentence
 from calib.validation.learning_curve import LearningCurve, LearningStep
 from calib.validation.splits import deal_folds, growing_order, training_groups
 from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform

@@ -17,7 +17,7 @@ from calib.models.exported_table import ExportedTable
 from calib.planning.discrimination import NextPoses
 from calib.present.cause.diagnosis import poses_to_measure
 from calib.present.effects import title
-from calib.present.fit import error_headline as headlines
+from calib.present.fit import errors as headlines
 from calib.present.results import headline
 from calib.rendering import numbers
 from calib.screening.curves.smooth_joint_error import LEARNED

@@ -1,15 +1,21 @@
-"""Presentation of an error budget: a stacked bar with a legend, the same as a sentence, and the keys of `--json`."""
+"""Shares of the causes: the error budget as a bar and as a sentence, and the probability of each set of causes."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from calib.diagnosis import probabilities
 from calib.diagnosis.budget import CURVES, LINKS, NOISE, TOGETHER, UNKNOWN, ErrorBudget
+from calib.diagnosis.probabilities import CauseProbabilities, CauseSet
 from calib.present.effects import title
 from calib.rendering import colours, numbers
-from calib.rendering.blocks import Part, Shares
+from calib.rendering.blocks import Part, Shares, Words, effect, joined, listed, spans
 
 UNEXPLAINED = "unexplained"
+_TOLD = 0.01  # probability from which a set of causes is told
+_MOST = 5  # sets that are told
+NOTHING = "nothing is missing"
+OUTSIDE = "something outside the catalogue"
 
 
 def budget_blocks(budget: ErrorBudget | None) -> list[Shares]:
@@ -84,3 +90,31 @@ def budget_document(budget: ErrorBudget | None) -> dict[str, Any]:
     if budget is None:
         return {"budget": [], "budget_of": None}
     return {"budget": budget.shares, "budget_of": "test" if budget.of_test_poses else "train"}
+
+
+# ---- how likely each set of causes is -------------------------------------------------------------------------------
+
+
+def probability_sentence(found: CauseProbabilities) -> Words:
+    """Sentence with the sets of causes that remain, the likeliest first: "How likely: backlash 94 %, ... 4 %."."""
+    told = [one for one in found.sets if one.p >= _TOLD][:_MOST]
+    rest = 1.0 - sum(one.p for one in told)
+    parts: list[Words] = [spans(_causes(one), f" {numbers.bounded_share(one.p)}") for one in told]
+    if rest >= _TOLD:
+        parts.append(f"other sets {numbers.bounded_share(rest)}")
+    return spans("How likely each set of causes is: ", joined(parts), ".")
+
+
+def _causes(one: CauseSet) -> Words:
+    if not one.causes:
+        return NOTHING
+    return listed([OUTSIDE if cause == probabilities.UNKNOWN else effect(cause) for cause in one.causes])
+
+
+def probability_document(found: CauseProbabilities | None) -> dict[str, Any]:
+    """JSON keys: sets of causes with probabilities, which sum to 1; an empty set means that nothing is missing.
+
+    None where the data are wrong, of which no cause is told.
+    """
+    sets = () if found is None else found.sets
+    return {"probabilities": [{"causes": list(one.causes), "p": one.p} for one in sets]}

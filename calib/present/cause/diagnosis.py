@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -16,40 +16,46 @@ from calib.calibration.table_doubts import doubtful_entries
 from calib.consistency.leading_entry import leading_entry
 from calib.diagnosis.causes import FittedValue, fitted_values, visible_mm
 from calib.diagnosis.decision_rules import left_to_curves
-from calib.diagnosis.effect_selection import GEOMETRY, FitStep
+from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.headline import headline_of
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel, Refusal
 from calib.identifiability.structural import redundancy_of
 from calib.planning.discrimination import DiscriminatingPose, NextPoses, next_poses
-from calib.present.cause.budget import budget_blocks, budget_document
+from calib.present.cause.budget import budget_blocks, budget_document, probability_document, probability_sentence
 from calib.present.cause.candidates import ranking, untestable_blocks
-from calib.present.cause.interventions import (
-    intervention_sections,
-    intervention_sentences,
-    proven_document,
-)
+from calib.present.cause.interventions import intervention_sections, intervention_sentences, proven_document
 from calib.present.cause.noise import noise_document, noise_sentences
-from calib.present.cause.probabilities import probability_document, probability_sentence
 from calib.present.cause.signals import drive_sections, drive_sentences, signals_document
-from calib.present.cause.verdict import SMALL_CHANGE, curves, fault, laws, verdict
+from calib.present.cause.verdict import curves, fault, laws, verdict
 from calib.present.effects import meaning, with_key
 from calib.present.fit.calibration import (
     camera_sections,
-    change_of_error,
     found_tool_document,
     parameters,
-    pose_errors,
     stands_document,
     tool_mass_question,
     tool_shift_sentence,
     worsening_sentence,
 )
-from calib.present.fit.curves import BAND_NOTE, coupling_sentences, curve_blocks, reading_phrase, readings_document
 from calib.present.fit.dataset import NOT_SEARCHED, measured_blocks
-from calib.present.fit.error_headline import error_headline
-from calib.present.fit.laws import law_sentences, laws_document
-from calib.present.fit.promise import coverage_sentence, promise_document
+from calib.present.fit.errors import (
+    HELD_OUT,
+    ErrorChange,
+    coverage_sentence,
+    error_headline,
+    pose_errors,
+    promise_document,
+    step_table,
+)
+from calib.present.fit.learned import (
+    coupling_sentences,
+    law_sentences,
+    laws_document,
+    learned_section,
+    reading_phrase,
+    readings_document,
+)
 from calib.present.fit.redundancy import redundancy_section
 from calib.present.fit.residuals import residual_blocks, residuals_of
 from calib.present.names import input_name
@@ -57,11 +63,11 @@ from calib.present.results import document, headline, keys_of, presentation, sta
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
+    Bullets,
     FigurePlace,
     Paragraph,
     Presentation,
     Section,
-    Table,
     Verdict,
     Words,
     capitalised,
@@ -75,7 +81,7 @@ from calib.rendering.blocks import (
 )
 from calib.rendering.colours import VERDICT_COLOURS
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate
-from calib.screening.curves.fitted_curves import learned_members, members_of_one_input
+from calib.screening.curves.fitted_curves import members_of_one_input
 from calib.screening.curves.law_readings import law_readings
 from calib.screening.curves.readings import coupling_readings, curve_readings
 from calib.screening.curves.smooth_joint_error import LEARNED, is_law
@@ -86,17 +92,17 @@ from calib.screening.smooth_motions import JointFault
 
 HOW, HISTORY, DATASET = "How the verdict was reached", "Error history", "Dataset and how it was measured"
 MISSING, RESIDUAL = "What could be missing", "Where the model is off"
-BY_POSE, PARAMETERS = "Residual by pose", "Parameters"
+BY_POSE, PARAMETERS, NEXT = "Residual by pose", "Parameters", "What to do next"
 _SIGN = re.compile(r" ([+-])(?=[^ =])")  # of a formula's term
-RANKED = 12  # candidates that are listed
+RANKED, BRIEFLY_RANKED = 12, 5  # candidates that are listed
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are listed; the others are counted
 _SHOWN_POSES = 3
 _STANDING = {"claimed": "Missing: ", "suspected": "Suspected: ", "open": "Missing, this effect or one like it: "}
 _REFUSALS = {
     "nature": "{}: it was not added. Something else makes what it would explain.",
     "test poses": (
-        "with it the test poses, which no fit saw, are predicted worse: it was not added. Either it stands in for "
-        "another cause, or the test poses differ from the others."
+        f"with it the {HELD_OUT} are predicted worse: it was not added. Either it stands in for another cause, or the "
+        "test poses differ from the others."
     ),
     "no gain": (
         "poses that were left out, the test poses and the training poses one by one, are predicted no better with it "
@@ -134,7 +140,7 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
             Section(HOW, reasons(diagnosis, poses), brief=True),
             *intervention_sections(diagnosis),
             *drive_sections(last.dataset.robot),
-            Section(HISTORY, [steps(diagnosis), Paragraph(coverage_sentence(promise(last)))], brief=True),
+            Section(HISTORY, [step_table(diagnosis.steps), Paragraph(coverage_sentence(promise(last)))], brief=True),
             *camera_sections(last),
             Section(DATASET, measured_blocks(last, NOT_SEARCHED)),
             Section(MISSING, ranked_effects(diagnosis), brief=True),
@@ -145,15 +151,6 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
             Section(PARAMETERS, parameters(last)),
         ],
     )
-
-
-def learned_section(calibration: Calibration) -> list[Section]:
-    """The learned curves in a model: their sizes, formulas and figure; [] where there are none."""
-    if not learned_members(calibration):
-        return []
-    figure = FigurePlace("learned_curves", (calibration,), BAND_NOTE, height_px=0)
-    drawn = [figure] if members_of_one_input(calibration) else []
-    return [Section("Learned curves of the joints", [*curve_blocks(calibration), *drawn])]
 
 
 def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
@@ -171,16 +168,18 @@ def verdict_block(diagnosis: Diagnosis) -> Verdict:
     return Verdict(capitalised(verdict(diagnosis)), VERDICT_COLOURS[diagnosis.verdict], label="Verdict")
 
 
-def steps(diagnosis: Diagnosis) -> Table:
-    """Table of the errors after each step, and of the added effect's log Bayes factor over the next candidate."""
-    columns = ("model", "training, mm", "test, mm", "residual sigma, mm", "log Bayes factor")
-    rows = []
-    for step in diagnosis.steps:
-        fit, factor = step.calibration, step.log_bayes_factor
-        figures = map(numbers.column_mm, (fit.after.train_rmse_mm, fit.after.test_rmse_mm, fit.sigma_mm))
-        added = f"+ {step.effect}" if step.effect else GEOMETRY
-        rows.append((added, *figures, numbers.MISSING if factor is None else f"{factor:.0f}"))
-    return Table(columns, rows, caption="3D RMSE; the sigma is per coordinate, by degrees of freedom")
+def brief_presentation(diagnosis: Diagnosis, what_next: Sequence[str]) -> Presentation:
+    """What a terminal shows by itself: errors, budget, verdict, error history, five candidates, and what to do next."""
+    best = ranking(diagnosis.screenings[0], most=BRIEFLY_RANKED, likely=diagnosis.told_probabilities)
+    return Presentation(
+        f"Diagnosis of {diagnosis.calibration.dataset.name}",
+        diagnosis_head(diagnosis),
+        [
+            Section(HISTORY, [replace(step_table(diagnosis.steps), caption="")], brief=True),
+            Section(MISSING, [best], brief=True),
+            Section(NEXT, [Bullets(what_next)], brief=True),
+        ],
+    )
 
 
 def ranked_effects(diagnosis: Diagnosis) -> list[Block]:
@@ -280,13 +279,12 @@ def effect_added(before: FitStep, after: FitStep, standing: str) -> Words:
     values = fitted_values(candidate, after.calibration)
     visible = visible_mm(candidate, before.calibration)
     size = "" if visible is None else f", {numbers.length(visible)} RMS at the tool"
-    change = error_change(before.calibration, after.calibration)
     note = f" Note: {candidate.family.note}." if candidate.family.note else ""
     return spans(
         _STANDING[standing], with_key(candidate.name),
         f". It explains {numbers.share(candidate.explained_share)} of the squared residual{size} "
         f"(p = {numbers.probability(candidate.p_holm)})",
-        _lead(before, after, standing), f". {change}", " " if change else "",
+        _lead(before, after, standing), f". {_change_with_it(before.calibration, after.calibration)}",
         _values(values, after.calibration), _doubts(values), note,
     )  # fmt: skip
 
@@ -310,16 +308,10 @@ def _lead(before: FitStep, after: FitStep, standing: str) -> Words:
     return spans(lead, "; ", effects(above), curved)
 
 
-def error_change(before: Calibration, after: Calibration) -> str:
-    """Phrase on the change of the test poses' error (without test poses, the training poses') between two fits."""
-    role, old_mm, new_mm = change_of_error(before.after, after.after)
-    change = numbers.length_change(old_mm, new_mm)
-    if role == "test":
-        share = new_mm / old_mm - 1.0 if old_mm > 0.0 else 0.0
-        go = "hardly changes," if abs(share) < SMALL_CHANGE else "falls" if share < 0.0 else "rises"
-        return f"With it the error of the test poses, which no fit saw, {go} {change}."
-    known = before.after.train and after.after.train
-    return f"With it the error of the training poses goes {change}; no test poses confirm it." if known else ""
+def _change_with_it(before: Calibration, after: Calibration) -> str:
+    """Sentence on the change of the error between two fits, with a space behind it; "" where it is not known."""
+    change = ErrorChange.between(before.after, after.after).words()
+    return f"With it {change}. " if change else ""
 
 
 def _values(values: Sequence[FittedValue], calibration: Calibration) -> str:
@@ -343,8 +335,8 @@ def _doubts(values: Sequence[FittedValue]) -> str:
     if value is None or bound is None:
         return ""
     return (
-        f" Doubt it: {value.name} is {numbers.times(ratio)} the largest value that is known of such a cause "
-        f"({bound.size:g} {bound.unit}; {bound.source}), so another cause may stand behind the name."
+        f" Implausible: {value.name} is {numbers.times(ratio)} the largest known value of such a cause "
+        f"({bound.size:g} {bound.unit}; {bound.source}); another cause may stand behind the name."
     )
 
 
@@ -448,8 +440,7 @@ def _pattern(tests: ResidualTests) -> Words:
 
 
 def _learned(learned: LearnedModel) -> Words:
-    change = error_change(learned.before, learned.after)
-    changed = f"{change}{' ' if change else ''}"
+    changed = _change_with_it(learned.before, learned.after)
     spaced = _SIGN.sub(r" \1 ", learned.formula or "")
     formula = f"; in short {spaced}" if spaced else ""
     told = law_sentences(law_readings(learned.after), learned.laws)

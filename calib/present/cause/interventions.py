@@ -10,7 +10,7 @@ from calib.intervention.joint_fit import JointFit
 from calib.intervention.pairs import APPROACH, PAYLOAD, SPEED
 from calib.intervention.proof import MIN_LEAD, Intervention, Proof, ProvenValue
 from calib.present.effects import title, with_key
-from calib.present.fit.calibration import change_of_error
+from calib.present.fit.errors import HELD_OUT, ErrorChange
 from calib.present.results import keys_of
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, FigurePlace, Paragraph, Section, Words, effect, effects, joint, listed, spans
@@ -43,7 +43,7 @@ def intervention_sentences(diagnosis: Diagnosis) -> list[Words]:
 
 def _proven(intervention: Intervention, proof: Proof) -> Words:
     pairs = numbers.count(intervention.held_out, "pair")
-    confirmed = f" It predicts {pairs} of test poses, which no fit saw, no worse." if intervention.held_out else ""
+    confirmed = f" It predicts {pairs} of {HELD_OUT} no worse." if intervention.held_out else ""
     size = numbers.with_sigma(proof.value, proof.sigma, proof.unit)
     what = _together_alike(proof) or spans(
         with_key(proof.effect), _of_joint(proof.joint), f", {proof.parameter} = {size}. "
@@ -114,10 +114,10 @@ def _together(diagnosis: Diagnosis, joint_fit: JointFit) -> Words:
         for word, names in (("with", joint_fit.added), ("without", joint_fit.dropped))
         if names
     ]
-    role, before_mm, after_mm = change_of_error(diagnosis.calibration.after, joint_fit.calibration.after)
+    change = ErrorChange.between(diagnosis.calibration.after, joint_fit.calibration.after)
     return spans(
         f"Single poses and differences fitted together{of_weight}:", *changed, " " if not changed else ": ",
-        listed(values), f"; {role} RMSE {numbers.length(after_mm)} instead of {numbers.length(before_mm)}.",
+        listed(values), f"; {change.words()}.",
     )  # fmt: skip
 
 

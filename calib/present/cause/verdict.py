@@ -18,7 +18,7 @@ from calib.effects.effect import describe
 from calib.present.cause.noise import noise_sentences
 from calib.present.effects import meaning, title, with_key
 from calib.present.fit.calibration import leading_entry_sentence, table_doubts
-from calib.present.fit.laws import law_phrase
+from calib.present.fit.learned import law_phrase
 from calib.present.names import input_name
 from calib.rendering import numbers
 from calib.rendering.blocks import Words, capitalised, effect, effects, joined, joint, listed, pose, spans
@@ -78,15 +78,15 @@ def _adequate(diagnosis: Diagnosis) -> Words:
 
 
 def _named(diagnosis: Diagnosis) -> Words:
-    them = "them" if len(diagnosis.missing) > 1 else "it"
+    them = {1: "it", 2: "both"}.get(len(diagnosis.missing), "all of them")
     contradiction = ""
     first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
     if first and last and last.rmse_mm >= (1.0 + SMALL_CHANGE) * first.rmse_mm:
         contradiction = (
             f" But the {last.points} test points do not confirm it: they got worse, though by no more than their "
-            "scatter. Take it for a lead, and measure more poses."
+            "scatter. Treat it as a hypothesis, and measure more poses."
         )
-    return spans(_missing(diagnosis), f". With {them} {_nothing_else(diagnosis)}.{contradiction}")
+    return spans(_missing(diagnosis), f". With {them} in the model {_nothing_else(diagnosis)}.{contradiction}")
 
 
 def _ambiguous(diagnosis: Diagnosis) -> Words:
@@ -96,8 +96,8 @@ def _ambiguous(diagnosis: Diagnosis) -> Words:
     after = spans(" after ", effects(diagnosis.missing)) if diagnosis.missing else ()
     makes: Words = ()
     if left is not None:
-        carriers = () if first is None or not first.joints else spans(" of ", _joints(first.joints))
-        makes = spans(": something", carriers, " makes up to ", _at_pose(left))
+        carriers = () if first is None or not first.joints else spans(" comes from ", _joints(first.joints))
+        makes = spans(": an error of up to ", _at_pose(left), carriers)
     return spans(
         "ambiguous", after, makes, ". These data cannot tell which effect is the cause: ",
         effects(diagnosis.ambiguous_set, "or"), "; it is one of them if the catalogue has it at all.",
@@ -235,13 +235,13 @@ def cause(found: Cause, calibration: Calibration) -> Words:
 
 
 def _nothing_else(diagnosis: Diagnosis) -> str:
-    """Clause that nothing else shows, with a reservation where the test poses' error exceeds noise."""
+    """Clause that only noise is left, with a reservation where the test poses' error exceeds noise."""
     beyond = diagnosis.held_out_beyond_noise
     if beyond is None:
-        return "nothing else shows"
+        return "only noise is left"
     off = f"{numbers.length(beyond.rmse_mm)}, {numbers.times(beyond.noise_ratio)} the noise"
     return (
-        f"nothing else shows at the training poses; the test poses are off by {off}, as they may be where the training "
+        f"only noise is left at the training poses; the test poses are off by {off}, as they may be where the training "
         "poses say little about such poses"
     )
 
@@ -257,7 +257,7 @@ def _suspicion(keys: Sequence[str]) -> Words:
     advice = "Either way that would lie outside the arm: leave the arm closed." if outside else leave
     return spans(
         " ", effects(keys),
-        f" {are} suspected, not shown: what causes the rest may cause {their} part too. {advice}",
+        f" {are} suspected, not confirmed: the unexplained rest may have caused {their} part. {advice}",
     )  # fmt: skip
 
 

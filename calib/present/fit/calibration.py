@@ -6,44 +6,48 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.calibration.calibrate import HEAVY_FROM_MM
 from calib.calibration.evaluation import Evaluation
-from calib.calibration.model_versions import Version
 from calib.calibration.mount import CameraPlace, Mount, camera_places, mounts
-from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.promise import promise
 from calib.calibration.result import Calibration
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries, taken_up_by_links
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
 from calib.consistency.leading_entry import leading_entry
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.headline import headline_of
 from calib.effects.gravity import has_masses, tells_tool_mass
 from calib.fitting.tool_point import ToolShift
 from calib.identifiability.structural import redundancy_of
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
-from calib.models.fitted_model import RoleErrors
 from calib.plugins import CalibrationPart, contributions, load
 from calib.present import names
-from calib.present.effects import model_name, with_joints
+from calib.present.effects import model_name
 from calib.present.fit.corners import face_labelling
-from calib.present.fit.curves import curve_table, formulas
-from calib.present.fit.error_headline import error_headline
-from calib.present.fit.promise import COVERAGE, coverage_words, promise_document
+from calib.present.fit.errors import (
+    COVERAGE,
+    ErrorChange,
+    coverage_words,
+    error_headline,
+    error_tables,
+    pose_errors,
+    promise_document,
+    table_alone,
+)
+from calib.present.fit.learned import curve_table, formulas
 from calib.present.fit.redundancy import redundancy_section, tool_sentence
 from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
     Bullets,
-    Coloured,
     Facts,
     FigurePlace,
     Paragraph,
@@ -53,29 +57,19 @@ from calib.rendering.blocks import (
     Table,
     Verdict,
     Words,
-    joined,
 )
-from calib.rendering.colours import BAD, GOOD, NEUTRAL
+from calib.rendering.colours import BAD
 from calib.screening.curves.fitted_curves import members_of_one_input
 from calib.screening.curves.smooth_joint_error import LEARNED
 
-FIGURES = (
-    ("rmse_mm", "3D RMSE"),
-    ("mean_mm", "3D mean"),
-    ("max_mm", "3D max"),
-    ("distance_mean_mm", "distance mean"),
-    ("distance_max_mm", "distance max"),
-)
 _NOT_DETERMINED = "not determined"
 _WHY_NOT_DETERMINED = (
-    f"{numbers.capitalised(_NOT_DETERMINED)}: these data do not tell this parameter by itself; it has no influence, or "
-    "others or the instrument's unknown place share its influence. A calibrated file has a value for it, which counts "
-    "only together with the others."
+    f"{numbers.capitalised(_NOT_DETERMINED)}: these data do not determine this parameter by itself; it has no "
+    "influence, or others or the instrument's unknown place share its influence. A calibrated file has a value for it, "
+    "which counts only together with the others."
 )
-_CHANGES = ("before", "after", "reduction")
 _UNCHANGED = 1e-6  # sigmas: a change below this is rounding
 _MOST_OUTLIERS = 8  # outlying poses that are named
-_SMALL_CHANGE = 0.01  # share of an error below which a change of it counts as none
 
 
 @presentation.register
@@ -291,11 +285,11 @@ def leading_entry_sentence(calibration: Calibration) -> str:
     if entry is None:
         return ""
     named = [_entry_name(name) for name in (entry.parameter, *entry.rivals)]
-    or_others = f" (or {' or '.join(named[1:])}: these poses do not tell which)" if entry.rivals else ""
+    or_others = f" (or {' or '.join(named[1:])}: these poses do not determine which)" if entry.rivals else ""
     return (
         f"Most of the error as delivered is one entry of robot.toml: {named[0]} is off by "
-        f"{numbers.size(abs(entry.off), entry.unit)}{or_others}. Corrected alone, it takes the training poses from "
-        f"{numbers.length(entry.delivered_mm)} to {numbers.length(entry.corrected_mm)}."
+        f"{numbers.size(abs(entry.off), entry.unit)}{or_others}. With it alone corrected, "
+        f"{ErrorChange('train', entry.delivered_mm, entry.corrected_mm).words()}."
     )
 
 
@@ -310,9 +304,9 @@ def worsening_sentence(calibration: Calibration) -> str:
     if worse is None:
         return ""
     return (
-        f"the fit is worse than robot.toml on the {names.role(worse.role)} poses: RMSE from "
-        f"{numbers.column_mm(worse.before_mm)} to {numbers.column_mm(worse.after_mm)} mm; do not use it, "
-        "find out why first (too few or too similar poses for what is fitted, another residual, no prior)"
+        "the fit is no better than robot.toml: "
+        f"{ErrorChange(worse.role, worse.before_mm, worse.after_mm).words()}; do not use it, find out why first (too "
+        "few or too similar poses for what is fitted, another residual, no prior)"
     )
 
 
@@ -336,234 +330,6 @@ def _outlying(robust: Calibration) -> str:
     return f"{poses} out of all others, {numbers.in_short(named, _MOST_OUTLIERS)}"
 
 
-# ---- errors ---------------------------------------------------------------------------------------------------------
-
-
-def error_tables(calibration: Calibration, colours: Mapping[str, str] | None = None) -> list[Block]:
-    """Tables of all errors before and after, including those of the jig's orientation where full poses were fitted.
-
-    colours: of training and test poses in figures, by role.
-    """
-    attitudes: list[tuple[Words, ...]] = []
-    if calibration.orientation_errors is not None:
-        before, after = calibration.orientation_errors
-        attitudes = [
-            (_of_role(role, name, colours), f"{was:.4f}", f"{now:.4f}", numbers.reduction(was, now))
-            for role, first, last in _by_role(before, after)
-            for key, name in (("rmse_rad", "RMSE"), ("max_rad", "max"))
-            for was, now in [(1e3 * getattr(first, key), 1e3 * getattr(last, key))]
-        ]
-    return [
-        error_table(calibration.before, calibration.after, colours),
-        Paragraph("Distances are to the reference pose.", soft=True),
-        Table(("attitude of the jig, mrad", *_CHANGES), attitudes),
-    ]
-
-
-def _by_role(before: Any, after: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Errors before and after, of training and of test poses, where both are known."""
-    for role in ("train", "test"):
-        first, last = getattr(before, role), getattr(after, role)
-        if first is not None and last is not None:
-            yield role, first, last
-
-
-def error_table(
-    before: Evaluation | RoleErrors,
-    after: Evaluation | RoleErrors,
-    colours: Mapping[str, str] | None = None,
-    test: str = "test",
-) -> Table:
-    """Table of 3D and distance errors before and after, of training and test poses (or as `test` names them)."""
-    rows = [
-        (
-            _of_role(test if role == "test" else role, name, colours),
-            *map(numbers.column_mm, (was, now)),
-            numbers.reduction(was, now),
-        )
-        for role, first, last in _by_role(before, after)
-        for key, name in FIGURES
-        for was, now in [(float(getattr(first, key)), float(getattr(last, key)))]
-    ]
-    return Table(("errors, mm", *_CHANGES), rows)
-
-
-def _of_role(role: str, figure: str, colours: Mapping[str, str] | None) -> str | Coloured:
-    words = f"{names.role(role)} {figure}"
-    return words if colours is None else Coloured(words, colours[role])
-
-
-def pose_errors(calibration: Calibration) -> FigurePlace:
-    """Placeholder of the figure of each pose's error."""
-    caption = "3D error of each pose after the fit, with everything in the model: predicted minus measured, length."
-    return FigurePlace("error_bars", (calibration,), caption, height_px=280)
-
-
-def history_caption(calibration: Calibration) -> str:
-    """Caption of the figure of the errors after each change of a model, of which `calibration` is the last fit."""
-    level, has_tests = noise_level(calibration), calibration.after.test is not None
-    roles = "training and test poses" if has_tests else "the fitted poses"
-    noise = ""
-    if level.floor_mm is not None:
-        noise = f"; {'grey band: where 95 % of such test errors lie by' if has_tests else 'dashed:'} {level.name}"
-    points = "; points: single test poses" if has_tests else ""
-    return f"3D RMSE of {roles} after each change of the model{noise}{points}."
-
-
-def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:
-    """Table of 3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
-    rows = [(label, *map(numbers.column_mm, figures)) for label, *figures in steps]
-    columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
-    return Table(columns, rows, caption="3D RMSE after each change of the model; the sigma is per coordinate")
-
-
-def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]:
-    """Rows of `step_table` for a sequence of fits."""
-    fits = [(step.label, step.calibration) for step in steps]
-    return [(label, fit.after.train_rmse_mm, fit.after.test_rmse_mm, fit.sigma_mm) for label, fit in fits]
-
-
-class RoleRmse(Protocol):
-    """3D RMSE of one model, mm, at training poses and at test poses."""
-
-    @property
-    def train_rmse_mm(self) -> float:
-        """3D RMSE of the training poses; nan without any."""
-
-    @property
-    def test_rmse_mm(self) -> float:
-        """3D RMSE of the test poses; nan without any."""
-
-
-def change_of_error(before: RoleRmse, after: RoleRmse) -> tuple[str, float, float]:
-    """Role of the poses that tell how an error changes ("test" where there are such poses), and their errors, mm."""
-    if math.isfinite(before.test_rmse_mm) and math.isfinite(after.test_rmse_mm):
-        return "test", before.test_rmse_mm, after.test_rmse_mm
-    return "training", before.train_rmse_mm, after.train_rmse_mm
-
-
-class ModelErrors(RoleRmse, Protocol):
-    """Errors of one model in a sequence of models fitted one after the other."""
-
-    @property
-    def label(self) -> str:
-        """Label of the change that made the model: "link errors", "+ backlash", "− backlash"."""
-
-    @property
-    def other_poses(self) -> bool:
-        """Whether the errors are of other poses than the previous model's, so that the two cannot be compared."""
-
-
-def last_change(models: Sequence[ModelErrors]) -> Verdict | None:
-    """Verdict whether the last change of the model lowered the errors; None without a change or an error."""
-    if len(models) < 2:
-        return None
-    old, new = models[-2:]
-    role, before, after = change_of_error(old, new)
-    if not (before > 0 and math.isfinite(after)):
-        return None
-    of = "test error" if role == "test" else "training error (there are no test poses)"
-    figures = f"{numbers.column_mm(before)} → {numbers.column_mm(after)} mm"
-    share = after / before - 1
-    if new.other_poses:
-        return Verdict(f"{new.label}: the {of} is {figures}, of the poses that count now.", NEUTRAL)
-    helps_not, is_small = "It does not help; Undo takes it out again.", abs(share) < _SMALL_CHANGE
-    if new.label.startswith("−"):
-        helps_not = "It was not needed." if is_small else "It was needed; Undo brings it back."
-    if is_small:
-        return Verdict(f"{new.label}: the {of} hardly changed, {figures}. {helps_not}", NEUTRAL)
-    if share < 0:
-        return Verdict(f"{new.label}: the {of} fell by {numbers.share(-share)}, {figures}.", GOOD)
-    return Verdict(f"{new.label}: the {of} rose by {numbers.share(share)}, {figures}. {helps_not}", BAD)
-
-
-def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffect], calibration: Calibration) -> Facts:
-    """Facts on a model: its effects, its errors, and the noise."""
-    last, level = models[-1], noise_level(calibration)
-    train, test = (f"{numbers.column_mm(mm)} mm" for mm in (last.train_rmse_mm, last.test_rmse_mm))
-    floor = "not declared"
-    if level.floor_mm is not None:
-        floor = f"{numbers.column_mm(level.floor_mm)} mm{'' if level.is_declared else ', not declared'}"
-    return Facts(
-        [
-            ("model", joined(["link errors", *map(with_joints, effects)], " + ")),
-            ("training 3D RMSE", train),
-            ("test 3D RMSE", test if math.isfinite(last.test_rmse_mm) else "no test poses"),
-            (f"{level.name}, 3D", floor),
-        ]
-    )
-
-
-def errors_by_version(versions: Sequence[Version], colours: Mapping[str, str]) -> Table:
-    """Table of RMSE and largest 3D error of each version of a model, mm, and of noise alone."""
-    rows: list[tuple[Words, ...]] = []
-    for version in versions:
-        of_roles = (version.evaluation.train, version.evaluation.test)
-        cells = [numbers.column_mm(getattr(f, key, None)) for f in of_roles for key in ("rmse_mm", "max_mm")]
-        rows.append((Coloured(version.name, colours[version.name]), *cells))
-    level = noise_level(versions[-1].calibration)
-    noise = "not declared" if level.floor_mm is None else numbers.column_mm(level.floor_mm)
-    of_test = noise if level.floor_mm is not None and versions[-1].evaluation.test is not None else numbers.MISSING
-    rows.append((level.name, noise, numbers.MISSING, of_test, numbers.MISSING))
-    return Table(("model", "training", "max", "test", "max"), rows)
-
-
-def pose_error_by_version(versions: Sequence[Version], pose: int, colours: Mapping[str, str]) -> Table:
-    """Table of predicted minus measured at one pose by each version of a model, mm, where it has an error there."""
-    errors = [(version.name, version.pose_error_vectors_mm()[pose]) for version in versions]
-    rows = [
-        (
-            Coloured(name, colours[name]),
-            *(numbers.signed(float(e), "+.4f") for e in error),
-            numbers.column_mm(float(np.linalg.norm(error))),
-        )
-        for name, error in errors
-        if np.isfinite(error).all()
-    ]
-    return Table(("model", "x", "y", "z", "length"), rows)
-
-
-def evaluation_sentence(evaluation: Evaluation) -> str:
-    """Phrase with the RMSE of test and training poses: "test RMSE 0.20 mm (training 0.19 mm)"."""
-    train, test = numbers.length(evaluation.train_rmse_mm), numbers.length(evaluation.test_rmse_mm)
-    if evaluation.test is None:
-        return f"training RMSE {train}, no test poses" if evaluation.train else "no poses"
-    return f"test RMSE {test}{f' (training {train})' if evaluation.train else ''}"
-
-
-def table_alone(table: ExportedTable) -> list[Block]:
-    """Paragraph with the errors of robot.toml's table alone and of the full model; [] for a model without effects."""
-    if not table.left_out:
-        return []
-    effects = numbers.listing(table.left_out)
-    return [
-        Paragraph(
-            f"What robot.toml can hold, the table alone, fitted without {effects}: "
-            f"{evaluation_sentence(table.errors)}; the model with {effects}: {evaluation_sentence(table.full.after)}."
-        )
-    ]
-
-
-def sigma_sentence(check: SigmaCheck) -> str:
-    """Sentence with the residual sigma, its 95 % interval and the declared sigma, and what the comparison means."""
-    if not math.isfinite(check.sigma_mm):
-        return "Residual sigma: no degree of freedom is left to tell it."
-    low, high = numbers.length(check.low_mm), numbers.length(check.high_mm)
-    found = (
-        f"Residual sigma {numbers.length(check.sigma_mm)} per coordinate (95 %: {low} to {high}, "
-        f"{check.degrees_of_freedom:.0f} degrees of freedom)"
-    )
-    if check.declared_mm is None:
-        return f"{found}; no sigma is declared, so this holds noise and missing physics together."
-    meaning = {
-        "excess": "more than noise is left: physics is missing from the model, or sigma was declared too small",
-        "as declared": "nothing but noise is left",
-        "below": "less than declared: sigma was declared too large",
-    }[check.verdict]
-    times = numbers.times(check.sigma_mm / check.declared_mm)
-    return f"{found}, {times} the declared {numbers.length(check.declared_mm)}: {meaning}."
-
-
 # ---- parameters -----------------------------------------------------------------------------------------------------
 
 
@@ -574,7 +340,7 @@ def parameters(calibration: Calibration, table: ExportedTable | None = None) -> 
     return [
         *parameter_tables(calibration),
         *([] if table is None else table_alone(table)),
-        Paragraph("Sums that are known better than their parts:" if sums else ""),
+        Paragraph("Combinations known better than their members:" if sums else ""),
         Bullets(list(map(_sum, sums))),
         Paragraph("" if calibration.dataset.robot.is_cartesian else tool_sentence(tool)),
     ]

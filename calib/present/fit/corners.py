@@ -311,7 +311,7 @@ def _origins(quality: CornerQuality) -> list[tuple[str, object]]:
     )
     return [
         ("left out along every edge", f"{quality.margin_mm:.2f} mm"),
-        ("apex, against the planes at their middles", f"{quality.amplification:.1f} times less certain"),
+        ("sigma of the apex", f"{quality.amplification:.1f} times that of the faces"),
         ("error that neighbours share", smooth if quality.smooth_factor > _PLAIN else "next to none"),
         ("angles between the faces", _ANGLES_HELD[quality.angles_held]),
     ]

@@ -41,7 +41,7 @@ def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
     noise = noise_and_size(pose_errors.noise, pose_errors.noise_mm)
     grey = f"Grey: where {noise} leaves 19 of 20 poses."
     if not np.isfinite(band).all():
-        return "These poses do not tell how much noise alone would make of it: there is no band."
+        return "These poses do not determine how much of it noise alone would make: there is no band."
     outside = pose_errors.error_length_mm > pose_errors.length_noise_mm
     counts = [
         f"{np.count_nonzero(outside & of)} of {numbers.count(int(np.count_nonzero(of)), name)}"

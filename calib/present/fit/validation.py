@@ -10,8 +10,7 @@ import numpy as np
 from calib.calibration.evaluation import Evaluation
 from calib.dataset.dataset import Dataset
 from calib.models.fitted_model import FittedModel
-from calib.present.fit.calibration import error_table, sigma_sentence
-from calib.present.fit.promise import coverage_sentence, promise_document
+from calib.present.fit.errors import coverage_sentence, error_table, promise_document, sigma_sentence
 from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict

@@ -24,7 +24,6 @@ from inspector.panels.downloads import (
     POINTS,
     REDUNDANCY,
     REPORT,
-    REPORT_PDF,
     RESIDUALS,
     SCENE,
     SCREENSHOT,
@@ -33,8 +32,6 @@ from inspector.panels.downloads import (
     DownloadsPanel,
 )
 from inspector.panels.input_checks import clamped
-from inspector.report.pdf import find_browser, pdf_of
-from inspector.scene.scene_page import Scene3d, scene_of
 from inspector.server.background import Background
 from inspector.server.worker import LongWork, Worker
 from inspector.session import measuring
@@ -83,7 +80,6 @@ class Downloads:
     ) -> None:
         self._state, self._view_name, self._steps, self._worker = state, view_name, steps, worker
         self._panel, self._root = panel, root
-        panel.offer(REPORT_PDF, find_browser() is not None)
         self._files = Background("files")
         # A page that never sends its picture keeps a thread waiting, which must not be the one that makes files.
         self._pictures = Background("pictures", threads=2)
@@ -122,14 +118,6 @@ def _made(what: str, asked: Asked) -> tuple[str, bytes]:
 
 
 def _report(asked: Asked) -> tuple[str, bytes]:
-    return "report.html", _report_html(asked, scene_of(asked.session)).encode()
-
-
-def _report_pdf(asked: Asked) -> tuple[str, bytes]:
-    return "report.pdf", pdf_of(_report_html(asked))
-
-
-def _report_html(asked: Asked, scene: Scene3d | None = None) -> str:
     from inspector.report.content import report_of
     from inspector.report.report import report_html
 
@@ -137,7 +125,7 @@ def _report_html(asked: Asked, scene: Scene3d | None = None) -> str:
     assert asked.calibration is not None
     if session.screening is None:
         session = sessions.with_screening(session)
-    return report_html(report_of(session), now=datetime.now(), scene=scene)
+    return "report.html", report_html(report_of(session), now=datetime.now()).encode()
 
 
 def _table(asked: Asked) -> ExportedTable:
@@ -207,7 +195,6 @@ def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
 
 MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
     REPORT: _report,
-    REPORT_PDF: _report_pdf,
     OWN_FILE: _own_file,
     TABLE: _robot,
     MODEL: _model,

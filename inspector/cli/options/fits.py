@@ -74,6 +74,7 @@ class DiagnoseOptions(WithModelOut, FittingOptions):
 
     max_steps: int = option("effects to add at the most (default 3)", 3, metavar="N")
     force: bool = flag("write although the fit is no improvement")
+    verbose: bool = flag("print all: the reasons, more candidates, what cannot be tested")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,8 +101,7 @@ class RepeatOptions(Output):
 class ReportOptions(FittingOptions):
     """One self-contained HTML page to send to someone."""
 
-    out: Path = option("write the page; FILE.pdf: its print", required=True)
-    pdf: Path | None = option("print it, too (by an installed Chromium or Chrome)", metavar="FILE.pdf")
+    out: Path = option("write the page", required=True)
     force: bool = flag("replace a file that is no report")
 
 

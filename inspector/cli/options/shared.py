@@ -86,11 +86,8 @@ class WithFinder:
 
 @dataclass(frozen=True, kw_only=True)
 class WithModelOut:
-    """Options of files for the model and for learned curves."""
+    """Option of the file for the model."""
 
-    learned_out: Path | None = option(
-        "write the curves of smooth_joint_error as an effects file of your own", metavar="FILE.py"
-    )
     model_out: Path | None = option("write the full model, which correct and validate take", metavar="FILE.json")
 
 

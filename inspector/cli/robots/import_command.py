@@ -131,11 +131,11 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
         return 0
     from calib.api.causes import diagnose
     from calib.planning.discrimination import next_poses
-    from inspector.cli.fit_commands import diagnosis_text
+    from inspector.cli.fit_commands import brief_text
 
     with stages() as on_step:
         result = diagnose(measured(dataset), on_step=on_step)
     poses = next_poses(result)
-    text = "\n".join([*lines, "", diagnosis_text(result, poses)])
+    text = "\n".join([*lines, "", brief_text(result, poses, options.path)])
     show(options, document | {"diagnosis": diagnosis_document(result, poses)}, text)
     return 0

@@ -11,6 +11,7 @@ from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of, running_median
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
+from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
 from calib.diagnosis.effect_selection import FitStep, candidate_of
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
@@ -23,13 +24,7 @@ from calib.planning.plan import Plan
 from calib.present.fit.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.validation.learning_curve import LearningCurve
-from inspector.figures import (
-    curve_plots,
-    evidence_plots,
-    plan_plots,
-    plots,
-    residual_plots,
-)
+from inspector.figures import curve_plots, plots, residual_plots
 from inspector.figures.results.alone import titled
 
 # ---- a fit: its errors by pose, over an input, over the work space; which parameters can be known --------------------
@@ -199,10 +194,8 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
     if not 0 <= step < len(diagnosis.screenings):
         raise CalibError(f"no ranking after step {step}; there are 0 to {len(diagnosis.screenings) - 1}")
     candidates = diagnosis.screenings[step].candidates
-    drawn = evidence_plots.evidence_bars(
-        [c.name for c in candidates], [c.log_evidence for c in candidates],
-        [c.name in diagnosis.missing for c in candidates],
-    )  # fmt: skip
+    evidence = {c.name: c.log_evidence for c in candidates}
+    drawn = plots.evidence_bars(evidence, diagnosis.missing, MIN_LOG_EVIDENCE)
     return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}", dark=dark)
 
 
@@ -214,7 +207,7 @@ def moved_by_change(intervention: Intervention, *, dark: bool = False) -> go.Fig
     moved = intervention.displacements
     if moved is None:
         raise CalibError("no pairs were measured; give one of `Diagnosis.interventions`")
-    drawn = evidence_plots.moved_by_change(moved.moved_mm, moved.explained_mm, moved.names, moved.held_out.tolist())
+    drawn = residual_plots.moved_by_change(moved.moved_mm, moved.explained_mm, moved.names, moved.held_out)
     return titled(drawn, f"Moved by a change of {', '.join(intervention.conditions)}", dark=dark)
 
 
@@ -256,14 +249,9 @@ def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
 
     Bars: the spread over draws of the poses. Where the two lines meet, more poses help no more.
     """
-    drawn = evidence_plots.errors_by_poses(
-        [s.poses for s in curve.steps], [s.train_rmse_mm for s in curve.steps],
-        [s.held_out_rmse_mm for s in curve.steps], [s.spread_mm for s in curve.steps],
-    )  # fmt: skip
-    return titled(drawn, f"Would more poses help: {curve.dataset.name}", dark=dark)
+    return titled(plots.errors_by_poses(curve), f"Would more poses help: {curve.dataset.name}", dark=dark)
 
 
 def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
     """Figure of the predicted error, mm, by number of further poses, with the number from which gains are small."""
-    drawn = plan_plots.error_by_count(plan.curve_mm, len(plan.poses), plan.enough)
-    return titled(drawn, f"What further poses promise: {plan.start.dataset.name}", dark=dark)
+    return titled(plots.error_by_count(plan), f"What further poses promise: {plan.start.dataset.name}", dark=dark)

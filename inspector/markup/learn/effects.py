@@ -24,8 +24,8 @@ from calib.present.cause.interventions import intervention_sections
 from calib.present.cause.verdict import advice as advice_sentence
 from calib.present.cause.verdict import residual_of, verdict
 from calib.present.effects import not_testable, with_joints
-from calib.present.fit.calibration import last_change, state_of_model
-from calib.present.fit.curves import offered_curves
+from calib.present.fit.errors import last_change, state_of_model
+from calib.present.fit.learned import offered_curves
 from calib.rendering import html, numbers
 from calib.rendering.blocks import Block, Bullets, Facts, Folded, Paragraph, Section, Verdict, plain, spans
 from calib.rendering.colours import VERDICT_COLOURS

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.calibration.noise_level import noise_level
-from calib.present.fit.calibration import errors_by_version, pose_error_by_version
+from calib.present.fit.errors import errors_by_version, pose_error_by_version
 from calib.present.names import ROLES
 from calib.rendering import html, numbers
 from calib.rendering.blocks import Paragraph, Section

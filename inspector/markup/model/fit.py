@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from calib.calibration.result import Calibration
 from calib.models.exported_table import exported_table
-from calib.present.fit.calibration import calibration_warnings, error_tables, fit_facts, parameter_tables, table_alone
+from calib.present.fit.calibration import calibration_warnings, fit_facts, parameter_tables
 from calib.present.fit.corners import face_labelling
+from calib.present.fit.errors import error_tables, table_alone
 from calib.present.references import Names
 from calib.rendering import html
 from calib.rendering.blocks import Block, Facts, Verdict

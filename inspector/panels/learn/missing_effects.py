@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 
 from calib.present.cause.candidates import discriminating_section
-from calib.present.fit.curves import BAND_NOTE, curve_blocks
+from calib.present.fit.learned import BAND_NOTE, curve_blocks
 from calib.rendering.blocks import Paragraph
 from calib.rendering.html import panel
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members

@@ -10,7 +10,7 @@ from calib.planning.purpose import CALIBRATION, purposes
 from calib.present.moves.plans import assumptions, plan_head, poses_table
 from calib.rendering import html, numbers
 from calib.rendering.blocks import Bullets, Section
-from inspector.figures.plan_plots import error_by_count
+from inspector.figures.plots import error_by_count
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, hidden_plot, offer, put
 from inspector.panels.input_checks import clamped
@@ -102,7 +102,7 @@ class PlanPanel:
         if carried_kg is not None and float(carried_kg.max(initial=0.0)) > 0.0:
             put(self.payload, float(carried_kg.max()))  # the box says what the rows say
         self._promise.content = html.panel(plan_head(plan))
-        self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough)
+        self._plot.figure = error_by_count(plan)
         self._plot.visible = True
         self._show_files(True)
         self._poses.content = html.panel([poses_table(plan, compact=True, mark=planned.pose)])

@@ -8,7 +8,7 @@ from calib.calibration.result import Calibration
 from calib.present.fit.residuals import input_title, turned
 from calib.present.over_time.comparison import comparison_head, errors, parameters
 from calib.rendering import html
-from inspector.figures.side_by_side import errors_beside
+from inspector.figures.residual_plots import errors_beside
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.side_by_side import Beside, compared

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from calib.calibration.model_versions import LINKS, NOMINAL
-from calib.present.fit.error_headline import stage_error
+from calib.present.fit.errors import length
 from inspector.app.app import App
 from inspector.server.viser_server import url_of
 from tests.support.browser import MS, open_page, open_tab
@@ -45,7 +45,7 @@ def test_the_headline_stands_over_the_view_and_its_stages_show_their_model(page:
     told = app.state.session.headline
     for number, version in ((0, NOMINAL), (1, LINKS)):
         stage = bar.locator(".headline-stage").nth(number)
-        assert stage_error(told, told.stages[number]) in stage.inner_text()
+        assert length(told, told.stages[number].error_mm) in stage.inner_text()
         stage.click()
         until(page, lambda version=version: app.state.now.version.name == version)  # type: ignore[union-attr]
         bar.locator(".headline-stage").nth(number).and_(page.locator('[aria-pressed="true"]')).wait_for()

@@ -8,7 +8,7 @@ from html import unescape
 import pytest
 
 from calib.present.cause.budget import budget_parts
-from calib.present.fit.error_headline import stage_error
+from calib.present.fit.errors import length
 from inspector.app.app import App
 from inspector.markup.headline import TO_FIND, headline_html
 from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Doing
@@ -39,7 +39,7 @@ def test_the_stages_stand_over_the_view_with_their_units(app: App) -> None:
     with WireClient(app.server.get_port()) as page:
         said = plain(page)
         for stage in told.stages:
-            assert stage_error(told, stage) in said
+            assert length(told, stage.error_mm) in said
             assert stage.name in said
         assert re.search(r"\(noise [\d.]+ (mm|µm)\)", said)
         assert TO_FIND in said

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import io
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -31,14 +30,13 @@ from calib.statistics import rms
 from inspector.app.app import App
 from inspector.export import csv_and_png as exports
 from inspector.export.glb_scene import PREDICTED, scene_glb
-from inspector.panels.downloads import ITEMS, OWN_FILE, REPORT_PDF, SCREENSHOT
-from inspector.report.pdf import find_browser
+from inspector.panels.downloads import ITEMS, OWN_FILE, SCREENSHOT
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
 from inspector.session.reopening import dataset_of, opening
 from inspector.session.session_file import load_session
 from tests.support.app import idle, idle_app
-from tests.support.browser import colours_in, need_chromium, node_drawn, open_page
+from tests.support.browser import colours_in, node_drawn, open_page
 from tests.support.commands import answered, printed, refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
@@ -256,21 +254,9 @@ def test_the_page_gives_what_the_commands_give(app: App, fitted: Calibration, da
 def test_every_item_has_a_button_that_says_what_it_holds(app: App) -> None:
     with WireClient(app.server.get_port()) as page:
         for name, item in ITEMS.items():
-            # No URDF was kept with these data, and a PDF needs a browser.
-            offered = find_browser() is not None if name == REPORT_PDF else name != OWN_FILE
+            offered = name != OWN_FILE  # no URDF was kept with these data
             assert page.props(name)["visible"] == offered
             assert item.holds in html.unescape(page.text()) or not offered
-
-
-@pytest.mark.browser
-def test_the_report_is_printed_and_leaves_nothing_behind(
-    app: App, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    need_chromium()
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with WireClient(app.server.get_port()) as page:
-        assert taken(page, REPORT_PDF).startswith(b"%PDF")
-    assert list(tmp_path.glob("report-*")) == []
 
 
 @pytest.mark.thorough

@@ -43,7 +43,7 @@ def test_heatmap_reads_from_the_top_left() -> None:
 def test_convergence_without_test_poses_and_with_an_exact_zero() -> None:
     fig = convergence([1.0, 0.0], None)
     assert len(fig.data) == 1
-    assert np.isnan(fig.data[0].y[1])
+    assert fig.data[0].y[1] is None
 
 
 def test_a_hostile_pose_name_stays_text() -> None:

@@ -23,7 +23,7 @@ from calib.errors import DatasetError
 from inspector.app.app import App
 from inspector.app.controllers import downloads
 from inspector.cli.parser import main
-from inspector.panels.downloads import ITEMS, OWN_FILE, REPORT_PDF, SCREENSHOT
+from inspector.panels.downloads import ITEMS, OWN_FILE, SCREENSHOT
 from tests.support.app import idle, idle_app
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient
@@ -168,7 +168,7 @@ def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, mon
         for uuid in list(page.gui):
             for value in rng.permutation(np.array(garbage, dtype=object))[:4]:
                 page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
-        made = [name for name in ITEMS if name not in (SCREENSHOT, REPORT_PDF, OWN_FILE)]  # no URDF was kept here
+        made = [name for name in ITEMS if name not in (SCREENSHOT, OWN_FILE)]  # no URDF was kept here
         idle(app)  # a button pressed among the garbage makes its file too
         for name in made:
             page.downloads.clear()

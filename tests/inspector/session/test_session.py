@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from calib.errors import CalibError
-from calib.present.fit.calibration import last_change
+from calib.present.fit.errors import last_change
 from calib.rendering.blocks import plain
 from inspector.session import measuring
 from inspector.session import transitions as sessions
@@ -86,10 +86,10 @@ def test_what_a_listener_raises_ends_the_diagnosis(ranked: Session) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "label", "words"),
     [
-        (0.4, 0.1, "+ backlash", "fell by 75 %, 0.4000 → 0.1000 mm."),
-        (0.4, 0.6, "+ backlash", "rose by 50 %, 0.4000 → 0.6000 mm. It does not help"),
-        (0.4, 0.401, "+ backlash", "hardly changed, 0.4000 → 0.4010 mm. It does not help"),
-        (0.1, 0.4, "\u2212 backlash", "rose by 300 %, 0.1000 → 0.4000 mm. It was needed"),
+        (0.4, 0.1, "+ backlash", "falls by 75 %, from 0.40 to 0.10 mm."),
+        (0.4, 0.6, "+ backlash", "rises by 50 %, from 0.40 to 0.60 mm. It does not help"),
+        (0.4, 0.401, "+ backlash", "hardly changes, from 0.40 to 0.40 mm. It does not help"),
+        (0.1, 0.4, "\u2212 backlash", "rises by 300 %, from 0.10 to 0.40 mm. It was needed"),
         (0.1, 0.1, "\u2212 backlash", "It was not needed"),
     ],
 )
@@ -99,14 +99,14 @@ def test_whether_a_change_helped_is_said(before: float, after: float, label: str
     sentence = plain(change.words)
     assert words in sentence
     assert sentence.startswith(label)
-    assert "test error" in sentence
+    assert "held-out test poses" in sentence
 
 
 def test_without_test_poses_the_training_error_speaks() -> None:
     nan = math.nan
     history = (StepErrors("link errors", 0.4, nan, 0.1), StepErrors("+ backlash", 0.2, nan, 0.1))
     change = last_change(history)
-    assert "fell by 50 %" in plain(change.words)
+    assert "falls by 50 %" in plain(change.words)
 
 
 def test_points_have_no_scans_to_search(added: Session) -> None:

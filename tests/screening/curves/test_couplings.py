@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from calib import calibrate
 from calib.diagnosis.effect_selection import calibrate_with, selected_curves
-from calib.effects.catalogue.user_file import load_effects
-from calib.effects.effect import apply_values
 from calib.effects.state import RobotState
 from calib.models.effect_fields import member_document
 from calib.screening.curves.couplings import coupling_inputs, learn_couplings
-from calib.screening.curves.fitted_curves import effect_file_text, fitted_curves
+from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.readings import coupling_readings, curve_readings
 from calib.screening.curves.smooth_joint_error import CouplingModes, SmoothJointError
@@ -44,8 +40,7 @@ def test_nothing_hidden_teaches_none(nothing: Simulated) -> None:
     assert learn_couplings(project_residual(calibrate(nothing.dataset))) is None
 
 
-def test_they_are_fitted_read_and_written(nothing: Simulated, tmp_path: Path) -> None:
-    """Of a fit that has them: the file that they are written to moves the joint as the fit does."""
+def test_they_are_fitted_and_read(nothing: Simulated) -> None:
     dataset = nothing.dataset
     modes = CouplingModes(("q1", "q2+q3", "q1-q3"), np.linalg.qr(np.random.default_rng(1).standard_normal((6, 2)))[0])
     curves = LearnedCurves((SmoothJointError(1, modes, (1e-4, 1e-4)),), 10.0)
@@ -55,15 +50,3 @@ def test_they_are_fitted_read_and_written(nothing: Simulated, tmp_path: Path) ->
     assert (reading.joint, reading.parameters, set(reading.strongest)) == (2, 2, set(modes.inputs))
     (member,) = [one for one in fitted.model.added_effects if isinstance(one, SmoothJointError)]
     assert member_document(member)["fields"]["modes"]["inputs"] == list(modes.inputs)
-    amounts = np.array([fitted.fit.x[[p.name for p in fitted.fit.parameters].index(n)] for n in _names(member)])
-    file = tmp_path / "couplings.py"
-    file.write_text(effect_file_text(fitted, file.name), encoding="utf-8")
-    state = RobotState.nominal(dataset.robot, dataset.poses)
-    (family,) = load_effects(file, state)
-    (of_file,) = [one for one in family.members if getattr(one, "joint", None) == 1]
-    expected = apply_values(member, state, amounts).vector
-    assert apply_values(of_file, state, np.ones(1)).vector == pytest.approx(expected, abs=1e-12)
-
-
-def _names(member: SmoothJointError) -> list[str]:
-    return [f"smooth_joint_error.J2.{p.name}" for p in member.parameters]

@@ -13,13 +13,12 @@ from calib import calibrate, diagnose
 from calib.dataset.dataset import Poses
 from calib.dataset.input_names import HistoryInput, column_input, history_input
 from calib.diagnosis.result import Diagnosis
-from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import apply_values, exceeded_bound
 from calib.effects.state import RobotState
 from calib.models.model_file import load_model
-from calib.present.fit.laws import law_phrase, law_sentence, laws_document
+from calib.present.fit.learned import law_phrase, law_sentence, laws_document
 from calib.present.results import to_dict
-from calib.screening.curves.fitted_curves import effect_file_text, fitted_curves
+from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.curves.joint_curves import LearnedCurves, says_as_much
 from calib.screening.curves.law_readings import law_readings
 from calib.screening.curves.law_search import law_member, search_laws
@@ -33,7 +32,6 @@ from calib.screening.curves.laws import (
     laws_tried,
 )
 from calib.screening.curves.smooth_joint_error import (
-    LEARNED,
     FormulaModes,
     FormulaTerm,
     SmoothJointError,
@@ -235,16 +233,6 @@ def test_it_comes_back_from_its_files(rippled: tuple[Simulated, Diagnosis], tmp_
     poses = simulated.dataset.poses
     read = load_model(saved)
     assert read.predict(poses.q, poses) == pytest.approx(found.predict(poses.q, poses), abs=1e-9)
-    file = tmp_path / "law.py"
-    file.write_text(effect_file_text(found.calibration, file.name), encoding="utf-8")
-    state = RobotState.nominal(simulated.dataset.robot, poses)
-    (family,) = load_effects(file, state)
-    (member,) = [m for m in found.calibration.model.added_effects if isinstance(m, SmoothJointError)]
-    values = {p.name: x for p, x in zip(found.calibration.fit.parameters, found.calibration.fit.x, strict=True)}
-    fitted = np.array([values[f"{LEARNED}.J{member.joint + 1}.{p.name}"] for p in member.parameters])
-    (of_file,) = [m for m in family.members if getattr(m, "joint", None) == member.joint]
-    expected = apply_values(member, state, fitted).vector
-    assert apply_values(of_file, state, np.ones(1)).vector == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.thorough

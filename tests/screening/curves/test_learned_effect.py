@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from calib import calibrate, diagnose
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.search_space import add_in_turn
-from calib.effects.catalogue.user_file import load_effects
-from calib.effects.effect import apply_values
 from calib.errors import CalibError
-from calib.fitting.observations import nominal_state
 from calib.options import FitOptions
-from calib.screening.curves.fitted_curves import effect_file_text, fitted_curves, shape_text
+from calib.screening.curves.fitted_curves import fitted_curves, shape_text
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import LEARNED, FormulaModes, FormulaTerm, SmoothJointError
-from inspector.cli.parser import main
 from tests.support import ROOT
 from tests.support.hidden_dataset import UNNAMED, arm
 
@@ -69,33 +63,6 @@ def test_curves_never_take_the_place_of_a_name_and_do_not_stay_where_they_predic
 def test_curves_need_their_prior(ripple: Dataset) -> None:
     with pytest.raises(CalibError, match="leave out --no-prior"):
         add_in_turn(ripple, [LEARNED], FitOptions(prior=False))
-
-
-@pytest.mark.slow
-def test_the_file_says_what_was_learned_and_is_an_effect_again(ripple: Dataset, tmp_path: Path) -> None:
-    fitted = add_in_turn(ripple, [LEARNED])[-1].calibration
-    path = tmp_path / "curves.py"
-    path.write_text(effect_file_text(fitted, path.name))
-    state = nominal_state(ripple)
-    (family,) = load_effects(path, state)
-    assert family.name == "learned_joint_error"
-    (learned,) = [effect for effect in fitted.model.effects if isinstance(effect, SmoothJointError)]
-    values = fitted.fit.x[-len(learned.parameters) :]
-    ours = apply_values(learned, state, values).vector
-    from_file = apply_values(family.members[learned.joint], state, np.ones(1)).vector
-    np.testing.assert_allclose(from_file, ours, atol=1e-12)
-    others = [member for j, member in enumerate(family.members) if j != learned.joint]
-    assert all(np.array_equal(apply_values(m, state, np.ones(1)).vector, state.vector) for m in others)
-
-
-@pytest.mark.slow
-def test_nothing_is_written_where_nothing_was_learned(tmp_path: Path, capsys) -> None:
-    write_dataset(arm(1), tmp_path / "cell")
-    curves = tmp_path / "my_effect.py"
-    assert main(["diagnose", str(tmp_path / "cell"), "--learned-out", str(curves)]) == 0
-    assert "no curves were learned" in capsys.readouterr().err
-    assert main(["calibrate", str(tmp_path / "cell"), "--learned-out", str(curves)]) == 2
-    assert not curves.exists()
 
 
 @pytest.mark.thorough
