@@ -19,7 +19,8 @@ from inspector.markup.parts import colour_scale
 from inspector.markup.parts.palette import ARM, FACE_COLOURS, HIGHLIGHT, LEFT_OUT, MODEL_COLOURS, rgb, role_colour
 from inspector.scene import model_nodes
 from inspector.scene.arm_shape import arm_of
-from inspector.scene.scene_view import ROOT, SceneView
+from inspector.scene.scene_view import Nodes, Pen, SceneView, to_scene
+from inspector.scene.shapes import loops
 from inspector.session.view import BY_ERROR, View
 
 
@@ -62,29 +63,29 @@ class ArmDrawing:
         arm = None if version is None else arm_of(version, view.pose)
         # A placement of the scanner of which every pose is left out has no frame.
         if version is None or arm is None:
-            self._scene.draw("arm", lambda api, name: [])
+            self._scene.clear("arm")
             self._of, self._meshes, self._solids = None, {}, model_nodes.Solids(self._on_joint)
             return
         dataset = view.session.dataset
         placed = version.scanner_T_base[view.pose]
         text = f"{view.pose_id}, {version.name}"
 
-        def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
-            self._load(api, dataset)
+        def make(pen: Pen) -> Nodes:
+            self._load(pen, dataset)
             for joint, handle in self._meshes.items():
                 handle.wxyz, handle.position = model_nodes.pose_of(arm.base_T_link[joint])
                 handle.color = rgb(HIGHLIGHT if joint == view.joint else ARM)
             colour, meshed = MODEL_COLOURS[version.name], tuple(self._meshes)
             return [
-                *model_nodes.arm(api, name, self._solids, arm, colour, text, meshed, view.joint),
-                *model_nodes.joint_axis(api, name, arm, view.joint),
-                *model_nodes.base(api, name, placed),
+                *model_nodes.arm(pen, self._solids, arm, colour, text, meshed, view.joint),
+                *model_nodes.joint_axis(pen, arm, view.joint),
+                *model_nodes.base(pen, placed),
                 *self._meshes.values(),
             ]
 
         self._scene.draw("arm", make)
 
-    def _load(self, api: viser.SceneApi, dataset: Dataset) -> None:
+    def _load(self, pen: Pen, dataset: Dataset) -> None:
         if self._of is dataset.robot:
             return
         self._of, self._meshes, problems = dataset.robot, {}, []
@@ -95,9 +96,8 @@ class ArmDrawing:
                 problems.append(str(error))
                 continue
             if mesh is not None:
-                self._meshes[joint] = model_nodes.link_mesh(
-                    api, f"{ROOT}/arm/mesh{joint}", mesh, partial(self._on_joint, joint + 1)
-                )
+                clicked = partial(self._on_joint, joint + 1)
+                self._meshes[joint] = model_nodes.link_mesh(pen, f"mesh{joint}", mesh, clicked)
         self.problems = tuple(problems)
 
 
@@ -113,10 +113,25 @@ def jig_distances(view: View, scan: Scan | None) -> Array | None:
 
 
 def draw_jig(scene: SceneView, view: View) -> None:
-    """Draw the jig's model at the corner that was found."""
+    """Draw the jig's model at the corner that was found: a translucent triangle a face, with its outline."""
     corner = None if view.search is None else view.search.corner
-    outline = np.zeros((0, 3, 3)) if corner is None else jig_outline(corner, view.session.dataset.jig)
-    scene.draw("jig", lambda api, name: model_nodes.jig(api, name, outline, (FACE_COLOURS * 2)[: len(outline)]))
+    if corner is None:
+        scene.clear("jig")
+        return
+    triangles_mm = jig_outline(corner, view.session.dataset.jig)
+    scene.draw(
+        "jig",
+        lambda pen: [
+            *(
+                pen.api.add_mesh_simple(
+                    pen.of(f"face{k}"), to_scene(triangle), np.array([[0, 1, 2]], dtype=np.uint32), color=rgb(colour),
+                    opacity=0.28, side="double", cast_shadow=False, receive_shadow=False,
+                )
+                for k, (triangle, colour) in enumerate(zip(triangles_mm, FACE_COLOURS * 2, strict=False))
+            ),
+            *([pen.lines("outline", loops(triangles_mm), (120, 125, 135))] if len(triangles_mm) else []),
+        ],
+    )  # fmt: skip
 
 
 def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: Array | None) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import viser
 
 from calib import frames
 from calib.array_types import Array, ByteArray
@@ -16,7 +15,7 @@ from calib.workcell.scan_field import BoxField, ScanField
 from inspector.markup.parts.palette import GOOD, HIGHLIGHT, MEASURE, rgb
 from inspector.scene import model_nodes
 from inspector.scene.arm_shape import ArmShape, arm_shape
-from inspector.scene.scene_view import SceneView, cloud, to_scene
+from inspector.scene.scene_view import Nodes, Pen, SceneView
 from inspector.session.planned import Planned
 from inspector.session.view import View
 
@@ -36,7 +35,7 @@ class PlanDrawing:
         version = view.version
         setup = str(view.session.dataset.poses.setup[view.pose])
         if planned is None or version is None or setup != planned.plan.start.setup:
-            self._scene.draw(PLAN, lambda api, name: [])
+            self._scene.clear(PLAN)
             self._solids = model_nodes.Solids(lambda joint: None)
             return
         plan, placed = planned.plan, planned.scanner_T_base
@@ -45,32 +44,20 @@ class PlanDrawing:
         shape = None if k is None else _planned_arm(version, plan.poses, k)
         edges_mm = field_edges(plan.start.cell.field)
 
-        def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
+        def make(pen: Pen) -> Nodes:
+            colours = _colours(len(at_mm), k)
             rays = np.stack([np.zeros_like(at_mm), at_mm], axis=1)
-            nodes: list[viser.SceneNodeHandle] = [
-                cloud(api, f"{name}/points", at_mm, _colours(len(at_mm), k), _POINT_MM),
-                api.add_line_segments(
-                    f"{name}/rays", to_scene(rays), np.repeat(_colours(len(at_mm), k)[:, None], 2, axis=1),
-                    thickness=1.5, thickness_units="screen",
-                ),
-                *(
-                    api.add_label(
-                        f"{name}/label{i}", text, position=tuple(to_scene(point).astype(float)),
-                        font_screen_scale=0.75, anchor="bottom-center",
-                    )
-                    for i, (text, point) in enumerate(zip(plan.poses.ids, at_mm, strict=True))
-                ),
-            ]  # fmt: skip
-            if len(edges_mm):
-                nodes.append(
-                    api.add_line_segments(
-                        f"{name}/field", to_scene(edges_mm), rgb(MEASURE), thickness=1.5, thickness_units="screen"
-                    )
-                )
-            if shape is not None and k is not None:
-                text = f"{plan.poses.ids[k]}, planned"
-                nodes += model_nodes.arm(api, f"{name}/arm", self._solids, shape, GOOD, text, all_in=GOOD)
-            return nodes
+            nodes = [
+                pen.points("points", at_mm, colours, _POINT_MM),
+                pen.lines("rays", rays, np.repeat(colours[:, None], 2, axis=1)),
+                *(pen.label(f"label{i}", plan.poses.ids[i], at_mm[i], size=0.75) for i in range(len(at_mm))),
+                *([pen.lines("field", edges_mm, rgb(MEASURE))] if len(edges_mm) else []),
+            ]
+            if shape is None or k is None:
+                return nodes
+            text = f"{plan.poses.ids[k]}, planned"
+            of_arm = Pen(pen.api, pen.of("arm"))
+            return [*nodes, *model_nodes.arm(of_arm, self._solids, shape, GOOD, text, all_in=GOOD)]
 
         self._scene.draw(PLAN, make)
         if shape is None:

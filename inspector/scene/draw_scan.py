@@ -2,23 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import viser
 
-from calib.array_types import Array
+from calib.array_types import Array, ByteArray
+from calib.corners.search import CornerSearch
 from calib.rendering import numbers
 from calib.scans.scan import Scan
 from calib.targets.search import ScanSearch
 from calib.workcell.scan_field import ScanField, declared_field, evident_field
 from inspector.markup.measure.corner import ellipsoid_words
 from inspector.markup.measure.planes import group_colours
-from inspector.scene import corner_nodes, plane_nodes
+from inspector.markup.parts.palette import FILTER_COLOURS, HIGHLIGHT, REJECTED, rgb
 from inspector.scene.draw_model import pose_colour, pose_colours
-from inspector.scene.scene_view import SceneView
-from inspector.scene.shapes import jig_edges, spread
+from inspector.scene.scene_view import Nodes, Pen, SceneView, to_scene
+from inspector.scene.shapes import (
+    DOT_MM,
+    disc,
+    dot_mm,
+    ellipsoids,
+    facing,
+    jig_edges,
+    loops,
+    spread,
+    unit_sphere,
+    upright,
+)
 from inspector.session.view import FACTORS, View, corner_of
 
+HALO = 0.9  # radius of the selected corner's halo over the diameter of a dot
+DRAWN_SETS, DRAWN_REJECTED, DRAWN_GROUPS = 2_000, 5_000, 40
+NUMBERED_GROUPS = 6  # and the chosen ones
+NORMAL_MM = 4.0  # length of a set's normal
+REJECTED_MM = 1.0  # diameter of a rejected set's point
 AROUND_JIG = 1.8  # edges of the jig
 ELLIPSOID_MM = 12.0
 PLANE_LAYERS = ("sets", "rejected", "groups")
@@ -41,28 +59,45 @@ def draw_corner(scene: SceneView, view: View) -> None:
     """Draw the selected pose's corner with its uncertainty, and the jig's edges where it was scanned."""
     found = corner_of(view, view.pose)
     if found is None:
-        scene.draw("corner", lambda api, name: [])
+        scene.clear("corner")
         return
     xyz, covariance = found
-    corner = None if view.search is None else view.search.corner
-    edges = None
-    if corner is not None:
-        edges = jig_edges(
-            corner.xyz_mm,
-            np.array([face.normal for face in corner.faces]),
-            np.array([face.centre_mm for face in corner.faces]),
-            corner.outline.edges_mm,
-        )
+    search = view.search
+    corner = None if search is None else search.corner
+    places = search.places if isinstance(search, ScanSearch) else ()  # of other targets
     text = view.pose_id
     if covariance is not None:
         text += f": σ {numbers.length(float(np.sqrt(np.trace(covariance))))}, {ellipsoid_words(view.factor)}"
-    scene.draw(
-        "corner",
-        lambda api, name: [
-            *corner_nodes.corner(api, name, xyz, covariance, view.factor, edges, text),
-            *corner_nodes.targets(api, name, view.search.places if isinstance(view.search, ScanSearch) else ()),
-        ],
-    )
+
+    def make(pen: Pen) -> Nodes:
+        nodes: list[viser.SceneNodeHandle] = []
+        if corner is not None:
+            normals, centres = (
+                np.array([getattr(face, key) for face in corner.faces]) for key in ("normal", "centre_mm")
+            )
+            edges = jig_edges(corner.xyz_mm, normals, centres, corner.outline.edges_mm)
+            nodes.append(pen.lines("edges", edges, rgb(HIGHLIGHT), 2.5))
+        if covariance is not None:
+            colours = np.array([rgb(HIGHLIGHT)], dtype=np.uint8)
+            nodes.append(_ellipsoids(pen, "ellipsoid", xyz[None], covariance[None], view.factor, colours))
+        nodes.append(pen.label("label", text, xyz, "bottom-left"))
+        balls = ((place.xyz_mm, place.radius_mm or DOT_MM / 2) for place in places)
+        return [*nodes, *(pen.ball(f"target{k}", *ball, opacity=0.25) for k, ball in enumerate(balls))]
+
+    scene.draw("corner", make)
+
+
+def _ellipsoids(
+    pen: Pen,
+    part: str,
+    xyz_mm: Array,
+    covariance_mm2: Array,
+    factor: float,
+    colours: ByteArray,
+    opacity: float | None = None,
+) -> viser.SceneNodeHandle:
+    wxyz, half_mm = ellipsoids(covariance_mm2, factor)
+    return pen.copies(part, unit_sphere(), wxyz, xyz_mm, half_mm, colours, opacity)
 
 
 def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan) -> None:
@@ -96,35 +131,61 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
     """Draw sample sets and plane groups of the selected pose, as far as their layers are visible."""
     search = view.search
     if search is None or visible.isdisjoint(PLANE_LAYERS):
-        for layer in PLANE_LAYERS:
-            scene.draw(layer, lambda api, name: [])
+        scene.clear(*PLANE_LAYERS)
         return
-    sets, passed, groups = search.sets, search.sets.passed(), search.groups
-    group_of = np.full(len(sets), -1)
-    for number, group in enumerate(groups):
-        group_of[group.sets] = number
-    colours = group_colours(search, view.grey_rejected)
-    of_sets = [colours[g] if g >= 0 else None for g in group_of[passed]]
-    scene.draw(
-        "sets", lambda api, name: plane_nodes.sets(api, name, sets.points_mm[passed], sets.normals[passed], of_sets)
-    )
-    left_out = sets.rejected_by > 0
-    scene.draw(
-        "rejected",
-        lambda api, name: plane_nodes.rejected(api, name, sets.centroids_mm[left_out], sets.rejected_by[left_out]),
-    )
-    scene.draw(
-        "groups",
-        lambda api, name: plane_nodes.groups(
-            api,
-            name,
-            np.array([g.centre_mm for g in groups]).reshape(-1, 3),
-            np.array([g.normal for g in groups]).reshape(-1, 3),
-            np.array([spread(sets.centroids_mm[g.sets], g.centre_mm) for g in groups]),
-            colours,
-            [i in search.chosen for i in range(len(groups))],
+    group_colour = group_colours(search, view.grey_rejected)
+    scene.draw("sets", lambda pen: _sets(pen, search, group_colour))
+    scene.draw("rejected", lambda pen: _rejected(pen, search))
+    scene.draw("groups", lambda pen: _groups(pen, search, group_colour))
+
+
+def _sets(pen: Pen, search: CornerSearch, group_colour: Sequence[str]) -> Nodes:
+    """Nodes of accepted sample sets: quadrilaterals with a normal, in their group's colour."""
+    sets = search.sets
+    colours = np.full((len(sets), 3), rgb(REJECTED), dtype=np.uint8)
+    for group, colour in zip(search.groups, group_colour, strict=True):
+        colours[group.sets] = rgb(colour)
+    passed = np.flatnonzero(sets.passed())
+    drawn = passed[:: max(1, -(-len(passed) // DRAWN_SETS))]
+    if not len(drawn):
+        return []
+    corners, own = sets.points_mm[drawn], colours[drawn]
+    centre = corners.mean(axis=1)
+    ticks = np.stack([centre, centre + NORMAL_MM * sets.normals[drawn]], axis=1)
+    of_lines = np.concatenate([np.repeat(own, 4, axis=0), own])
+    return [pen.lines("lines", np.concatenate([loops(corners), ticks]), np.repeat(of_lines[:, None], 2, axis=1))]
+
+
+def _rejected(pen: Pen, search: CornerSearch) -> Nodes:
+    """Nodes of sample sets that a filter rejected, coloured by filter 1, 2 or 3."""
+    sets = search.sets
+    left_out = np.flatnonzero(sets.rejected_by > 0)
+    drawn = left_out[:: max(1, -(-len(left_out) // DRAWN_REJECTED))]
+    colours = np.array([rgb(c) for c in FILTER_COLOURS], dtype=np.uint8)[sets.rejected_by[drawn] - 1]
+    return [pen.points("points", sets.centroids_mm[drawn], colours, REJECTED_MM)] if len(drawn) else []
+
+
+def _groups(pen: Pen, search: CornerSearch, group_colour: Sequence[str]) -> Nodes:
+    """Nodes of plane groups: numbered discs, the chosen ones stronger."""
+    groups, centroids_mm = search.groups[:DRAWN_GROUPS], search.sets.centroids_mm
+    if not groups:
+        return []
+    chosen = np.isin(np.arange(len(groups)), search.chosen)
+    radii = [max(spread(centroids_mm[g.sets], g.centre_mm), 1.0) for g in groups]
+    discs = pen.api.add_batched_meshes_simple(
+        pen.of("discs"), *disc(), facing(np.array([g.normal for g in groups])),
+        to_scene(np.array([g.centre_mm for g in groups])), batched_scales=to_scene(np.outer(radii, np.ones(3))),
+        batched_colors=np.array([rgb(c) for c in group_colour[: len(groups)]], dtype=np.uint8), opacity=0.5,
+        batched_opacities=np.where(chosen, 1.0, 0.3), side="double", lod="off", cast_shadow=False, receive_shadow=False,
+    )  # fmt: skip
+    return [
+        discs,
+        *(
+            pen.label(f"label{i}", str(i + 1), group.centre_mm, "center-center", 0.75)
+            for i, group in enumerate(groups)
+            if chosen[i] or i < NUMBERED_GROUPS
         ),
-    )
+    ]
 
 
 def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) -> Array:
@@ -137,23 +198,25 @@ def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) 
     known = bool(found) and all(f[2] is not None for f in found)
     covariance = np.array([f[2] for f in found]) if known else None
     colours = pose_colours(view)[which]
-    scene.draw(
-        "corners",
-        lambda api, name: corner_nodes.corners(
-            api, name, xyz, covariance, colours, view.factor, lambda k: on_click(which[k])
-        ),
-        key=(
-            tuple(which),
-            xyz.tobytes(),
-            None if covariance is None else covariance.tobytes(),
-            colours.tobytes(),
-            view.factor,
-        ),
-    )
+    diameter = dot_mm(xyz)
+
+    def make(pen: Pen) -> Nodes:
+        if not len(xyz):
+            return []
+        # Points cannot be clicked, and a lit sphere this small is mostly highlight: unseen spheres take the clicks.
+        size = np.full((len(xyz), 3), 0.8 * diameter)
+        nodes: list[viser.SceneNodeHandle] = [
+            pen.points("points", xyz, colours, diameter),
+            pen.touched("dots", unit_sphere(6, 8), upright(len(xyz)), xyz, size, lambda k: on_click(which[k])),
+        ]
+        if covariance is not None:
+            nodes.append(_ellipsoids(pen, "ellipsoids", xyz, covariance, view.factor, colours, opacity=0.35))
+        return nodes
+
+    of = None if covariance is None else covariance.tobytes()
+    scene.draw("corners", make, key=(tuple(which), xyz.tobytes(), of, colours.tobytes(), view.factor))
     selected = xyz[which.index(view.pose)] if view.pose in which else None
-    scene.draw_halo(
-        lambda api, name: [] if selected is None else corner_nodes.halo(api, name, selected, corner_nodes.dot_mm(xyz))
-    )
+    scene.draw_halo(lambda pen: [] if selected is None else [pen.ball("halo", selected, HALO * diameter, opacity=0.35)])
     return xyz
 
 

@@ -19,8 +19,8 @@ from calib.calibration.model_versions import EFFECTS, Version
 from calib.fitting.observations import Observations
 from calib.rendering import numbers
 from inspector.markup.parts.palette import CHANGED, MODEL_BEFORE, MODEL_COLOURS, rgb
-from inspector.scene import corner_nodes, model_nodes
-from inspector.scene.scene_view import SceneView, to_scene
+from inspector.scene.scene_view import M_PER_MM, Nodes, Pen, SceneView, to_scene
+from inspector.scene.shapes import dot_mm, facing, unit_cylinder, unit_sphere, upright
 from inspector.session.view import BEFORE, DIFFERENCE, FACTORS, View
 
 USUAL_SHARE = 1 / 12  # of the field: most arrows are at most so long
@@ -30,6 +30,7 @@ LONGEST_CHOSEN_SHARE = 0.6  # and by a factor that the user has chosen
 MOST = 90.0  # in 100 arrows count for the factor: a wild one does not
 ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
 TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
+TOUCH = 3.0  # of what is drawn: how much wider is what takes its clicks, which is not seen
 CUT_LABELS = 3  # arrows that are cut and carry a label with their length
 ABOVE_MM = 20.0  # height of the legend over the points
 FALL_S, FRAMES = 0.7, 14  # of the move from the model before to the one on show
@@ -220,58 +221,72 @@ class ResidualArrows:
         self._nodes = ()
         start = np.concatenate([a.start_mm for a in drawn.values()]) if drawn else np.zeros((0, 3))
         if not len(start):
-            for layer in ("residuals", "predicted", "before"):
-                self._scene.draw(layer, lambda api, name: [])
+            self._scene.clear("residuals", "predicted", "before")
             return
-        field = field_mm(start)
-        arrows, colours, pose = _joined(drawn, MODEL_COLOURS)
-        of_tip = np.concatenate([a.pose for a in drawn.values()])
         longest = {name: float(np.linalg.norm(a.error_mm, axis=1).max(initial=0.0)) for name, a in drawn.items()}
         text = residual_words(view.arrows, longest, sum(int(a.cut.sum()) for a in drawn.values()))
         made: list[viser.SceneNodeHandle] = []  # arrows and predicted points, the first of each layer
 
-        def kept(nodes: list[viser.SceneNodeHandle]) -> list[viser.SceneNodeHandle]:
+        def kept(nodes: Nodes) -> Nodes:
             made.extend(nodes[:1])
             return nodes
 
-        self._scene.draw(
-            "residuals",
-            lambda api, name: kept(
-                model_nodes.residuals(
-                    api, name, arrows, colours, ARROW_SHARE * (field + 50.0), text, _above(start),
-                    lambda k: self._on_click(int(pose[k])), _lengths_of_cut(drawn),
-                ),
-            ),
-        )  # fmt: skip
-        tips = {name: a.tip_mm for name, a in drawn.items()}
-        size_mm = TIP_SHARE * corner_nodes.dot_mm(start)
-        self._scene.draw(
-            "predicted",
-            lambda api, name: kept(
-                model_nodes.predicted(api, name, tips, MODEL_COLOURS, size_mm, lambda k: self._on_click(int(of_tip[k])))
-            ),
-        )
+        self._scene.draw("residuals", lambda pen: kept(self._residuals(pen, drawn, MODEL_COLOURS, start, text)))
+        self._scene.draw("predicted", lambda pen: kept(self._predicted(pen, drawn, start)))
         before = self._before
-        self._scene.draw(
-            "before", lambda api, name: [] if before is None else [_thin_lines(api, name, before, MODEL_BEFORE)]
-        )
+        self._scene.draw("before", lambda pen: [] if before is None else [_thin_lines(pen, before, MODEL_BEFORE)])
         if len(drawn) == 1:
             self._nodes = tuple(made)
 
     def _draw_differences(self, view: View, moved: _Arrows, explained: _Arrows) -> None:
         longest_mm = float(np.linalg.norm(moved.error_mm, axis=1).max(initial=0.0))
         text = difference_words(view.arrows, longest_mm, int(moved.cut.sum()))
-        drawn = {DIFFERENCE: moved}
-        arrows, colours, pose = _joined(drawn, {DIFFERENCE: CHANGED})
-        self._scene.draw(
-            "residuals",
-            lambda api, name: model_nodes.residuals(
-                api, name, arrows, colours, ARROW_SHARE * (field_mm(moved.start_mm) + 50.0), text,
-                _above(moved.start_mm), lambda k: self._on_click(int(pose[k])), _lengths_of_cut(drawn),
+        drawn, colours = {DIFFERENCE: moved}, {DIFFERENCE: CHANGED}
+        self._scene.draw("residuals", lambda pen: self._residuals(pen, drawn, colours, moved.start_mm, text))
+        self._scene.clear("predicted")
+        self._scene.draw("before", lambda pen: [_thin_lines(pen, explained, MODEL_COLOURS[EFFECTS])])
+
+    def _residuals(
+        self, pen: Pen, drawn: Mapping[str, _Arrows], by_name: Mapping[str, str], start_mm: Array, text: str
+    ) -> Nodes:
+        """Nodes of arrows from measured to predicted points, clickable, with a legend and the lengths of cut ones."""
+        arrows_mm, colours, pose = _joined(drawn, by_name)
+        if not len(arrows_mm):
+            return []
+        radius_mm = ARROW_SHARE * (field_mm(start_mm) + 50.0)
+        size = radius_mm * M_PER_MM
+        along = arrows_mm[:, 1] - arrows_mm[:, 0]
+        length = np.linalg.norm(along, axis=1)
+        width = np.full_like(length, TOUCH * radius_mm)
+        return [
+            pen.api.add_arrows(
+                pen.of("arrows"), to_scene(arrows_mm), colours, shaft_radius=size, head_radius=2.5 * size,
+                head_length=5.0 * size,
             ),
-        )  # fmt: skip
-        self._scene.draw("predicted", lambda api, name: [])
-        self._scene.draw("before", lambda api, name: [_thin_lines(api, name, explained, MODEL_COLOURS[EFFECTS])])
+            pen.touched(
+                "touch", unit_cylinder(), facing(along / length[:, None]), arrows_mm.mean(axis=1),
+                np.stack([width, width, length], axis=1), lambda k: self._on_click(int(pose[k])),
+            ),
+            pen.label("label", text, _above(start_mm)),
+            *(pen.label(f"length{k}", told, tip, size=0.75) for k, (tip, told) in enumerate(_lengths_of_cut(drawn))),
+        ]  # fmt: skip
+
+    def _predicted(self, pen: Pen, drawn: Mapping[str, _Arrows], start_mm: Array) -> Nodes:
+        """Nodes of the predicted points of each model in its colour, clickable."""
+        size_mm = TIP_SHARE * dot_mm(start_mm)
+        tips, pose = (np.concatenate([getattr(a, of) for a in drawn.values()]) for of in ("tip_mm", "pose"))
+        size = np.full((len(tips), 3), TOUCH / 2 * size_mm)
+        of_models = enumerate(drawn.items())
+        return [
+            *(
+                pen.points(str(k), a.tip_mm, rgb(MODEL_COLOURS[name]), size_mm)
+                for k, (name, a) in of_models
+                if len(a.pose)
+            ),
+            pen.touched(
+                "touch", unit_sphere(6, 8), upright(len(tips)), tips, size, lambda k: self._on_click(int(pose[k]))
+            ),
+        ]
 
 
 def _above(points_mm: Array) -> Array:
@@ -286,12 +301,9 @@ def _same(one: _Arrows, other: _Arrows) -> bool:
     )
 
 
-def _thin_lines(api: viser.SceneApi, name: str, arrows: _Arrows, colour: str) -> viser.SceneNodeHandle:
+def _thin_lines(pen: Pen, arrows: _Arrows, colour: str) -> viser.SceneNodeHandle:
     """Node of thin lines along arrows."""
-    return api.add_line_segments(
-        f"{name}/lines", to_scene(np.stack([arrows.start_mm, arrows.tip_mm], axis=1)), rgb(colour),
-        thickness=1.0, thickness_units="screen",
-    )  # fmt: skip
+    return pen.lines("lines", np.stack([arrows.start_mm, arrows.tip_mm], axis=1), rgb(colour), 1.0)
 
 
 def _joined(drawn: Mapping[str, _Arrows], by_name: Mapping[str, str]) -> tuple[Array, ByteArray, IndexArray]:

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 import viser
@@ -19,10 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 from calib.workcell.scan_field import ScanField
-from inspector.markup.parts.palette import FACE_COLOURS, MODEL_BEFORE, SCAN, rgb
+from inspector.markup.parts.palette import FACE_COLOURS, HIGHLIGHT, MODEL_BEFORE, SCAN, rgb
 from inspector.scene.shapes import shaded, thin
 
+Nodes = Sequence[viser.SceneNodeHandle]
+Make = Callable[["Pen"], Nodes]  # what draws a layer
+Anchor = Literal["top-center", "bottom-center", "bottom-left", "center-center"]  # of a label
+
 M_PER_MM = 1e-3
+_GREY = rgb(SCAN)
+UNSEEN = 0.004  # opacity: what is not drawn at all takes no clicks
 DETAIL_POINTS = 200_000  # of the selected scan; 3 MB at single precision
 OVERVIEW_POINTS = 3_000  # of each other scan, at most
 OVERVIEW_TOTAL = 200_000
@@ -67,14 +74,78 @@ def frustum_edges(corners: Array) -> Array:
     return np.concatenate([*around, sides, sight])
 
 
-def cloud(
-    api: viser.SceneApi, name: str, points_mm: Array, colours: ArrayLike, size_mm: float
-) -> viser.PointCloudHandle:
-    """Node of round points (N, 3) in the scanner's frame, with colours (3,) or (N, 3)."""
-    return api.add_point_cloud(
-        name, to_scene(points_mm), np.asarray(colours, dtype=np.uint8), point_size=size_mm * M_PER_MM,
-        precision="float32", point_shape="circle", point_shading="flat",
-    )  # fmt: skip
+@dataclass(frozen=True)
+class Pen:
+    """What draws the nodes of one layer, below a name, from places and sizes in mm."""
+
+    api: viser.SceneApi
+    name: str
+
+    def of(self, part: str) -> str:
+        """Name of a node."""
+        return f"{self.name}/{part}"
+
+    def points(self, part: str, points_mm: Array, colours: ArrayLike, size_mm: float) -> viser.PointCloudHandle:
+        """Round points (N, 3), with colours (3,) or (N, 3)."""
+        return self.api.add_point_cloud(
+            self.of(part), to_scene(points_mm), np.asarray(colours, dtype=np.uint8), point_size=size_mm * M_PER_MM,
+            precision="float32", point_shape="circle", point_shading="flat",
+        )  # fmt: skip
+
+    def lines(self, part: str, lines_mm: Array, colours: Any, width: float = 1.5) -> viser.LineSegmentsHandle:
+        """Lines (K, 2, 3) as wide on every screen, in one colour or (K, 2, 3)."""
+        return self.api.add_line_segments(
+            self.of(part), to_scene(lines_mm), colours, thickness=width, thickness_units="screen"
+        )
+
+    def label(
+        self, part: str, text: str, at_mm: Array, anchor: Anchor = "bottom-center", size: float = 0.85
+    ) -> viser.LabelHandle:
+        """Words at a place (3,)."""
+        place = tuple(to_scene(at_mm).astype(float))
+        return self.api.add_label(self.of(part), text, position=place, font_screen_scale=size, anchor=anchor)
+
+    def ball(self, part: str, at_mm: Array, radius_mm: float, opacity: float) -> viser.SceneNodeHandle:
+        """Translucent ball at a place (3,), in the colour of what is selected."""
+        return self.api.add_icosphere(
+            self.of(part), radius=radius_mm * M_PER_MM, color=rgb(HIGHLIGHT), opacity=opacity,
+            position=tuple(to_scene(at_mm).astype(float)), cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+
+    def copies(
+        self,
+        part: str,
+        shape: tuple[Array, IndexArray],
+        wxyz: Array,
+        at_mm: Array,
+        size_mm: Array,
+        colours: Any = _GREY,
+        opacity: float | None = None,
+    ) -> viser.BatchedMeshHandle:
+        """K copies of a mesh at wxyz (K, 4), places (K, 3), sizes (K, 3), in one colour or (K, 3)."""
+        return self.api.add_batched_meshes_simple(
+            self.of(part), *shape, wxyz, to_scene(at_mm), batched_scales=to_scene(size_mm), batched_colors=colours,
+            opacity=opacity, lod="off", cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+
+    def touched(
+        self,
+        part: str,
+        shape: tuple[Array, IndexArray],
+        wxyz: Array,
+        at_mm: Array,
+        size_mm: Array,
+        on_click: Callable[[int], None],
+    ) -> viser.SceneNodeHandle:
+        """K unseen copies that take clicks in place of points and arrows, which cannot."""
+        node = self.copies(part, shape, wxyz, at_mm, size_mm, opacity=UNSEEN)
+
+        @node.on_click
+        def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
+            if event.instance_index is not None and 0 <= event.instance_index < len(at_mm):
+                on_click(event.instance_index)
+
+        return node
 
 
 def sight_of(camera: viser.CameraHandle) -> Sight:
@@ -124,7 +195,10 @@ class SceneView:
         self._point_mm = 1.2
         self.draw_instrument("scanner")
 
-    def _replace(self, layer: str, nodes: Sequence[viser.SceneNodeHandle]) -> None:
+    def _pen(self, layer: str) -> Pen:
+        return Pen(self._scene, f"{ROOT}/{layer}")
+
+    def _replace(self, layer: str, nodes: Nodes) -> None:
         """Remove the nodes of a layer that were not drawn again under the same name."""
         names = {node.name for node in nodes}
         for old in self._drawn[layer]:
@@ -136,10 +210,8 @@ class SceneView:
         """Context in which everything drawn reaches the pages at once."""
         return self._server.atomic()
 
-    def draw(
-        self, layer: str, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]], *, key: object = None
-    ) -> None:
-        """Fill a layer with nodes added by `make` below the name passed to it.
+    def draw(self, layer: str, make: Make, *, key: object = None) -> None:
+        """Fill a layer with the nodes that `make` draws.
 
         Nothing is drawn again for the same `key`: it spares the wire, and pages now and then show nothing of a batch
         of meshes that is added anew.
@@ -148,12 +220,17 @@ class SceneView:
             return
         self._keys[layer] = key
         with self._server.atomic():
-            self._replace(layer, make(self._scene, f"{ROOT}/{layer}"))
+            self._replace(layer, make(self._pen(layer)))
 
-    def draw_halo(self, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]]) -> None:
+    def clear(self, *layers: str) -> None:
+        """Remove all nodes of some layers."""
+        for layer in layers:
+            self.draw(layer, lambda pen: [])
+
+    def draw_halo(self, make: Make) -> None:
         """Draw the mark of the selected corner, separately from the corners because it moves."""
         with self._server.atomic():
-            self._replace(HALO, make(self._scene, f"{ROOT}/corners/halo"))
+            self._replace(HALO, make(self._pen("corners")))
 
     # ---- the view ---------------------------------------------------------------------------------------------------
 
@@ -201,18 +278,14 @@ class SceneView:
 
     def draw_instrument(self, noun: str, field: ScanField | None = None) -> None:
         """Draw the frame of the measuring device with its noun, and the frustum in which a scanner measures."""
-        name = f"{ROOT}/scanner"
-        self._scene.add_frame(f"{name}/axes", axes_length=0.06, axes_radius=0.0015)
+        pen = self._pen("scanner")
+        self._scene.add_frame(pen.of("axes"), axes_length=0.06, axes_radius=0.0015)
         text = f"{noun} (z: view)" if noun == "scanner" else noun
-        self._scene.add_label(f"{name}/label", text, font_screen_scale=0.8)
-        edges = np.zeros((0, 2, 3)) if field is None else frustum_edges(field.corners_mm)
+        self._scene.add_label(pen.of("label"), text, font_screen_scale=0.8)
         if self._field is not None:
             self._field.remove()
-        self._field = None
-        if len(edges):
-            self._field = self._scene.add_line_segments(
-                f"{name}/field", to_scene(edges), rgb(MODEL_BEFORE), thickness=1.0, thickness_units="screen"
-            )
+        edges = None if field is None else frustum_edges(field.corners_mm)
+        self._field = None if edges is None else pen.lines("field", edges, rgb(MODEL_BEFORE), 1.0)
 
     # ---- scans ------------------------------------------------------------------------------------------------------
 
@@ -222,7 +295,7 @@ class SceneView:
         """Draw one of many scans with few points, shaded where their normals are known."""
         kept = thin(points_mm, max(200, min(OVERVIEW_POINTS, OVERVIEW_TOTAL // max(scans, 1))))
         colours = shaded(np.array(rgb(colour)), normals[kept]) if normals is not None else rgb(colour)
-        node = cloud(self._scene, f"{ROOT}/overview/{index}", points_mm[kept], colours, self._point_mm)
+        node = self._pen("overview").points(str(index), points_mm[kept], colours, self._point_mm)
         node.visible = index != self._hidden_overview
         self._overview[index] = node
 
@@ -263,23 +336,16 @@ class SceneView:
         rest, on_face = face_of < 0, face_of >= 0
         colours = np.array([rgb(c) for c in FACE_COLOURS], dtype=np.uint8)
         with self._server.atomic():
-            on_none = []
-            if rest.any():
-                name = f"{ROOT}/scan/points"
-                on_none = [cloud(self._scene, name, points[rest], rgb(SCAN), self._point_mm)]
-            self._replace("scan", on_none)
-            self._draw_on_faces("faces", points[on_face], colours[face_of[on_face]])
+            self._draw_points("scan", points[rest], rgb(SCAN), self._point_mm)
+            self._draw_points("faces", points[on_face], colours[face_of[on_face]], self._point_mm * ON_FACE)
         return len(kept)
 
     def draw_distance(self, points_mm: Array, colours: ByteArray) -> None:
         """Draw points (N, 3) of the selected scan on the jig, in colours (N, 3) of their distance to its faces."""
         kept = thin(points_mm, DETAIL_POINTS)
         with self._server.atomic():
-            self._draw_on_faces("distance", points_mm[kept], colours[kept])
+            self._draw_points("distance", points_mm[kept], colours[kept], self._point_mm * ON_FACE)
 
-    def _draw_on_faces(self, layer: str, points_mm: Array, colours: ByteArray) -> None:
-        nodes = []
-        if len(points_mm):
-            name = f"{ROOT}/{layer}/points"
-            nodes = [cloud(self._scene, name, points_mm, colours, self._point_mm * ON_FACE)]
+    def _draw_points(self, layer: str, points_mm: Array, colours: ArrayLike, size_mm: float) -> None:
+        nodes = [self._pen(layer).points("points", points_mm, colours, size_mm)] if len(points_mm) else []
         self._replace(layer, nodes)

@@ -9,6 +9,9 @@ import viser.transforms
 
 from calib.array_types import Array, ByteArray, IndexArray
 
+DOT_MM = 5.0  # diameter of a corner in the scene
+DOT_SHARE = 0.005  # of the field that the corners lie in, where that is more
+
 
 def thin(points_mm: Array, limit: int) -> IndexArray:
     """Indices of at most `limit` points, one for each voxel, so that near and far parts stay equally dense."""
@@ -76,16 +79,10 @@ def disc() -> tuple[Array, IndexArray]:
 
 def unit_sphere(rings: int = 12, sectors: int = 20) -> tuple[Array, IndexArray]:
     """Vertices (V, 3) and faces (F, 3), outward, of a unit sphere."""
-    polar = np.linspace(0, np.pi, rings + 1)[:, None]
-    around = np.linspace(0, 2 * np.pi, sectors, endpoint=False)[None]
-    vertices = np.stack(
-        np.broadcast_arrays(np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)), axis=-1
-    ).reshape(-1, 3)
-    r, s = np.meshgrid(np.arange(rings), np.arange(sectors), indexing="ij")
-    a, b = r * sectors + s, r * sectors + (s + 1) % sectors
-    c, d = a + sectors, b + sectors
-    faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
-    return vertices, faces
+    from trimesh.creation import uv_sphere
+
+    ball = uv_sphere(count=[rings, sectors])
+    return np.asarray(ball.vertices), np.asarray(ball.faces)
 
 
 def spread(points_mm: Array, centre_mm: Array) -> float:
@@ -94,18 +91,23 @@ def spread(points_mm: Array, centre_mm: Array) -> float:
 
 
 def unit_cylinder() -> tuple[Array, IndexArray]:
-    """Vertices (V, 3) and faces (F, 3), outward, of a cylinder of radius 1 and length 1 along z, about the origin.
+    """Vertices (V, 3) and faces (F, 3), outward, of a cylinder of radius 1 and length 1 along z, about the origin."""
+    from trimesh.creation import cylinder
 
-    Rims have their vertices twice, so that caps and side are shaded apart.
-    """
-    sectors = 28
-    angle = np.linspace(0, 2 * np.pi, sectors, endpoint=False)
-    ring = np.c_[np.cos(angle), np.sin(angle)]
-    low, high = np.c_[ring, np.full(sectors, -0.5)], np.c_[ring, np.full(sectors, 0.5)]
-    i = np.arange(sectors)
-    j = (i + 1) % sectors
-    side = np.concatenate([np.stack([i, j, sectors + i], 1), np.stack([j, sectors + j, sectors + i], 1)])
-    k = np.arange(1, sectors - 1)
-    bottom = 2 * sectors + np.stack([np.zeros_like(k), k + 1, k], 1)
-    top = 3 * sectors + np.stack([np.zeros_like(k), k, k + 1], 1)
-    return np.concatenate([low, high, low, high]), np.concatenate([side, bottom, top])
+    rod = cylinder(1.0, 1.0, sections=28).smooth_shaded  # its rims have their vertices twice: caps and side apart
+    return np.asarray(rod.vertices), np.asarray(rod.faces)
+
+
+def dot_mm(xyz_mm: Array) -> float:
+    """Diameter, mm, at which the dots of points (N, 3) can be distinguished near and far."""
+    return max(DOT_MM, DOT_SHARE * float(np.linalg.norm(np.ptp(xyz_mm, axis=0)))) if len(xyz_mm) else DOT_MM
+
+
+def upright(count: int) -> Array:
+    """Quaternions wxyz (N, 4) of no rotation."""
+    return np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+
+
+def loops(corners_mm: Array) -> Array:
+    """Lines (K C, 2, 3) around polygons with corners (K, C, 3)."""
+    return np.stack([corners_mm, np.roll(corners_mm, -1, axis=1)], axis=2).reshape(-1, 2, 3)
