@@ -16,10 +16,8 @@ class TargetForm:
     suffixes: tuple[str, ...]
     writer: str  # (path, robot, targets, heading) -> text; the heading's lines are comments
     check: str = ""  # (path, robot) -> None, or CalibError for an arm that it cannot hold; "" where it holds any
-    is_motion: bool = False  # whether it moves the arm through all targets: of planned poses, never of corrected ones
 
 
-def form_of_targets(path: Path, *, motions: bool = False) -> TargetForm | None:
-    """Form of a file of joint targets by its suffix, or None; `motions`: those that move the arm, too."""
-    found = (form for form in contributions(TargetForm) if path.suffix.lower() in form.suffixes)
-    return next((form for form in found if motions or not form.is_motion), None)
+def form_of_targets(path: Path) -> TargetForm | None:
+    """Form of a file of joint targets by its suffix, or None."""
+    return next((form for form in contributions(TargetForm) if path.suffix.lower() in form.suffixes), None)

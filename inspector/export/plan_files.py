@@ -19,7 +19,7 @@ CSV = ".csv"
 
 def check_plan_file(path: Path) -> None:
     """Raise CalibError for a file name whose format is none of those for plans."""
-    if path.suffix.lower() != CSV and form_of_targets(path, motions=True) is None:
+    if path.suffix.lower() != CSV and form_of_targets(path) is None:
         forms = [f"{form.suffixes[0]} ({form.name})" for form in contributions(TargetForm)]
         known = numbers.listing([f"{CSV} (poses.csv)", *forms], "or")
         others = "" if forms else "; robot programs are written by the extra robot_programs"
@@ -32,7 +32,7 @@ def planned_file(path: Path, plan: Plan) -> str:
     Raises CalibError for a name of no such form, and for an arm that its form cannot hold.
     """
     check_plan_file(path)
-    form = form_of_targets(path, motions=True)
+    form = form_of_targets(path)
     if form is None:
         return frame_csv(poses_frame(plan.poses, plan.start.dataset.robot))
     robot = plan.start.dataset.robot

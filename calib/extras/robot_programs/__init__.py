@@ -1,1 +1,1 @@
-"""Robot programs: point lists, trajectories, programs that measure, and programs whose targets are corrected."""
+"""Robot programs: point lists, programs that measure, and programs whose targets are corrected."""

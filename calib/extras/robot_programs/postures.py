@@ -99,28 +99,17 @@ def postures_at(robot: Robot, places: Sequence[Place]) -> list[Posture]:
     """Posture of the nominal arm, of revolute joints alone, at each place; the same for the same input."""
     rng = np.random.default_rng(0)
     limits = joint_limits(robot)
-    at: list[Array] = []
-    for start in range(0, len(places), _AT_ONCE):
-        part = places[start : start + _AT_ONCE]
-        reached = _candidates(robot, part, limits, _STARTS[0], rng)
-        missing = [k for k, q in enumerate(reached) if _choice(robot, part[k], q, limits).q is None]
-        for k, again in zip(
-            missing, _candidates(robot, [part[k] for k in missing], limits, _STARTS[1], rng), strict=True
-        ):
-            reached[k] = _distinct(np.concatenate([reached[k], again]))
-        at += reached
-    return [_choice(robot, place, q, limits) for place, q in zip(places, at, strict=True)]
-
-
-def _candidates(
-    robot: Robot, places: Sequence[Place], limits: tuple[Array, Array], count: int, rng: np.random.Generator
-) -> list[Array]:
-    """Postures (M, n) that lead to each place, found from a count of starts."""
-    if not places:
-        return []
-    starts = np.array([_starts(place, limits, count, rng) for place in places])
-    q, reached = _solved(robot, places, starts)
-    return [_distinct(q[k][reached[k]]) for k in range(len(places))]
+    found = [np.empty((0, robot.n_joints))] * len(places)  # by place, (M, n)
+    chosen = [Posture(None)] * len(places)
+    for count in _STARTS:
+        open_ = [k for k, posture in enumerate(chosen) if posture.q is None]
+        for first in range(0, len(open_), _AT_ONCE):
+            part = open_[first : first + _AT_ONCE]
+            starts = np.array([_starts(places[k], limits, count, rng) for k in part])
+            for k, q in zip(part, _solved(robot, [places[k] for k in part], starts), strict=True):
+                found[k] = _distinct(np.concatenate([found[k], q]))
+                chosen[k] = _choice(robot, places[k], found[k], limits)
+    return chosen
 
 
 def _starts(place: Place, limits: tuple[Array, Array], count: int, rng: np.random.Generator) -> Array:
@@ -128,18 +117,15 @@ def _starts(place: Place, limits: tuple[Array, Array], count: int, rng: np.rando
     low, high = (np.clip(limit, -np.pi, np.pi) for limit in limits)
     starts = rng.uniform(low, high, (count, len(low)))
     if place.configuration.ranges_deg:
-        first, last = np.radians(np.array(place.configuration.ranges_deg)).T
-        inner_low, inner_high = np.maximum(low, first), np.minimum(high, last)
-        usable = inner_low < inner_high
-        inner = np.where(usable, inner_low, low), np.where(usable, inner_high, high)
-        starts[::2] = rng.uniform(*inner, starts[::2].shape)
+        first, last = np.radians(place.configuration.ranges_deg).T
+        starts[::2] = rng.uniform(np.clip(first, low, high), np.clip(last, low, high), starts[::2].shape)
     if place.near is not None:
         starts[0] = place.near
     return starts
 
 
-def _solved(robot: Robot, places: Sequence[Place], starts: Array) -> tuple[Array, BoolArray]:
-    """Joints (N, S, n) found from starts (N, S, n), and whether they bring the flange to the place."""
+def _solved(robot: Robot, places: Sequence[Place], starts: Array) -> list[Array]:
+    """Joints (M, n) that bring the flange to each of N places, found from starts (N, S, n)."""
     count, each, n = starts.shape
     goals = np.array([place.base_T_flange for place in places]) @ flange_T_tip(robot)
     problem = ToolProblem(
@@ -156,14 +142,14 @@ def _solved(robot: Robot, places: Sequence[Place], starts: Array) -> tuple[Array
     q[near] = solve_inverse(problem.of(near), q[near], -unlimited[near], unlimited[near])
     error_mm, turn_rad = problem.errors(q)
     reached = (error_mm <= REACHED_MM) & (turn_rad <= REACHED_RAD)
-    return q.reshape(count, each, n), reached.reshape(count, each)
+    return [q[k : k + each][reached[k : k + each]] for k in range(0, len(q), each)]
 
 
 def _distinct(q: Array) -> Array:
     """Postures (M, n) that differ by more than whole turns, with joints in -pi to pi."""
     kept: list[Array] = []
     for one in q - 2.0 * np.pi * np.round(q / (2.0 * np.pi)):
-        if all(np.abs(np.sin(0.5 * (one - other))).max() > 0.5 * _SAME_RAD for other in kept):
+        if not any(same_posture(one, other) for other in kept):
             kept.append(one)
     return np.array(kept).reshape(-1, q.shape[1])
 
@@ -223,23 +209,17 @@ def _sides(robot: Robot, q: Array) -> tuple[Array, Array]:
 
     nan for an arm of other than six joints, or whose last three axes do not meet.
     """
+    if robot.n_joints == 6:
+        at = kinematics.nominal_chain(robot, q).base_T_frame[:, :6]
+        z, o = at[..., :3, 2], at[..., :3, 3]
+        across = np.eye(3) - z[:, 3:, :, None] * z[:, 3:, None, :]  # what of a vector is across the axes of the wrist
+        wrist = (np.linalg.pinv(across.sum(axis=1)) @ (across @ o[:, 3:, :, None]).sum(axis=1))[
+            ..., 0
+        ]  # nearest to all
+        if np.linalg.norm(across @ (wrist[:, None] - o[:, 3:])[..., None], axis=2).max() <= _MEETS_MM:
+            ahead = np.einsum("mi,mi->m", wrist - o[:, 0], np.cross(z[:, 1], z[:, 0]))
+            line = o[:, 2] - o[:, 1]
+            side = np.einsum("mi,mi->m", np.cross(line, wrist - o[:, 2]), z[:, 2])
+            return ahead, side / np.maximum(np.linalg.norm(line, axis=1), 1e-9)
     none = np.full(len(q), np.nan)
-    if robot.n_joints != 6:
-        return none, none
-    at = kinematics.nominal_chain(robot, q).base_T_frame[:, :6]
-    z, o = at[..., :3, 2], at[..., :3, 3]
-    wrist = _meeting_point(o[:, 3], z[:, 3], o[:, 4], z[:, 4])
-    off = np.linalg.norm(np.cross(z[:, 5], wrist - o[:, 5]), axis=1)
-    if off.max() > _MEETS_MM or np.linalg.norm(np.cross(z[:, 3], wrist - o[:, 3]), axis=1).max() > _MEETS_MM:
-        return none, none
-    ahead = np.einsum("mi,mi->m", wrist - o[:, 0], np.cross(z[:, 1], z[:, 0]))
-    line = o[:, 2] - o[:, 1]
-    side = np.einsum("mi,mi->m", np.cross(line, wrist - o[:, 2]), z[:, 2])
-    return ahead, side / np.maximum(np.linalg.norm(line, axis=1), 1e-9)
-
-
-def _meeting_point(one: Array, along_one: Array, other: Array, along_other: Array) -> Array:
-    """Points (M, 3) of lines by a point and a direction each (M, 3) that are nearest to other lines."""
-    across = np.cross(along_one, along_other)
-    share = np.einsum("mi,mi->m", np.cross(other - one, along_other), across)
-    return one + along_one * (share / np.maximum(np.sum(across**2, axis=1), 1e-12))[:, None]
+    return none, none

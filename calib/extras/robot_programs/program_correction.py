@@ -122,44 +122,42 @@ def corrected_program(
     Raises:
         CalibError: a frame that is neither defined nor given.
     """
-    tools, works = _frames(tool), _frames(work)
+    tools, works = (each if isinstance(each, Mapping) else {} if each is None else {"": each} for each in (tool, work))
     require_frames(program, tools, works)
     known = _with_joints(program, nominal, tools, works)
-    rows = [k for k, each in enumerate(known) if each.q is not None]
-    row_of = {k: row for row, k in enumerate(rows)}
-    q0 = np.array([known[k].q for k in rows]).reshape(-1, nominal.n_joints)
-    ids = [program.targets[k].name for k in rows]
-    correction = correction_of(nominal, calibrated, q0, kind=kind, ids=ids)
-    correction = _where_the_tool_is_known(correction, [known[k] for k in rows])
+    told = [each for each in known if each.q is not None]
+    q0 = np.array([each.q for each in told]).reshape(-1, nominal.n_joints)
+    correction = correction_of(nominal, calibrated, q0, kind=kind, ids=[each.target.name for each in told])
+    correction = _where_the_tool_is_known(correction, told)
+    before, after = (flange_frames(nominal, q) for q in (correction.q_nominal, correction.q))
+    commanded = nominal.commands_of(correction.q)
     moves: list[TargetMove] = []
     values: dict[int, Array] = {}
-    flanges = [flange_frames(nominal, q) for q in (correction.q_nominal, correction.q)]
-    commanded = nominal.commands_of(correction.q)
+    row = -1
     for k, each in enumerate(known):
-        row = row_of.get(k)
-        if row is None:
+        if each.q is None:
             moves.append(TargetMove(each.target, None, False, np.nan, np.nan, np.nan, each.reason))
             continue
-        before, after = (flange[row] @ each.flange_T_tool for flange in flanges)
+        row += 1
         reached = bool(correction.reached[row])
-        turn = np.linalg.norm(frames.rotvec_from_rotation(before[:3, :3].T @ after[:3, :3]))
-        moves.append(
-            TargetMove(
-                each.target,
-                row,
-                reached,
-                float(np.linalg.norm(after[:3, 3] - before[:3, 3])) if reached else np.nan,
-                float(np.degrees(turn)) if reached else np.nan,
-                float(correction.uncorrected_mm[row]),
-                correction.reasons[row],
-                each.posture,
-            )
+        base_T_tool = after[row] @ each.flange_T_tool
+        moved = frames.invert(before[row] @ each.flange_T_tool) @ base_T_tool
+        turn = frames.rotvec_from_rotation(moved[:3, :3])
+        move = TargetMove(
+            each.target,
+            row,
+            reached,
+            float(np.linalg.norm(moved[:3, 3])) if reached else np.nan,
+            float(np.degrees(np.linalg.norm(turn))) if reached else np.nan,
+            float(correction.uncorrected_mm[row]),
+            correction.reasons[row],
+            each.posture,
         )
+        moves.append(move)
         if reached and each.target.kind == "joints":
-            q = commanded[row]
-            values[k] = q if program.language == "URScript" else np.degrees(q)
+            values[k] = commanded[row] if program.language == "URScript" else np.degrees(commanded[row])
         elif reached:
-            work_T_tool = frames.invert(each.base_T_work) @ after
+            work_T_tool = frames.invert(each.base_T_work) @ base_T_tool
             values[k] = pose_values(program.language, work_T_tool, each.target.values)
     notes = (*program.notes, *_flange_note(nominal))
     return ProgramCorrection(program, program.with_values(values), tuple(moves), correction, notes)
@@ -175,38 +173,36 @@ def _flange_note(nominal: Robot) -> Iterable[str]:
         )
 
 
-def _frames(given: Array | Frames | None) -> Frames:
-    if isinstance(given, Mapping):
-        return given
-    return {} if given is None else {"": given}
-
-
 def _with_joints(program: Program, nominal: Robot, tools: Frames, works: Frames) -> list[_Known]:
     """Each target with its joints: as written, or of the nominal arm at its pose, in the program's posture."""
     known: dict[int, _Known] = {}
-    poses: dict[int, tuple[Array, _Known]] = {}
+    poses: dict[int, _Pose] = {}
     for target in program.targets:
+        each = _Known(target, None, frame_of(target.tool, tools), frame_of(target.work, works))
         if target.kind == "joints":
             q = _written(program, nominal, target.values)
-            known[target.place] = _Known(target, q, flange_T_tip(nominal), np.eye(4))
+            known[target.place] = replace(each, q=q, flange_T_tool=flange_T_tip(nominal))
             continue
-        open_ = _Known(target, None, frame_of(target.tool, tools), frame_of(target.work, works))
         try:
-            base_T_tool = open_.base_T_work @ pose_transform(program.language, target.values)
+            base_T_tool = each.base_T_work @ pose_transform(program.language, target.values)
         except ValueError as error:
-            known[target.place] = replace(open_, reason=str(error))
+            known[target.place] = replace(each, reason=str(error))
             continue
-        poses[target.place] = base_T_tool @ frames.invert(open_.flange_T_tool), open_
-    told = {
-        place: (BY_NEAR if each.target.near else BY_CONFIGURATION)
-        for place, (_, each) in poses.items()
-        if each.target.near or (each.target.configuration != NO_CONFIGURATION and not each.target.keeps_posture)
+        poses[target.place] = _Pose(each, base_T_tool @ frames.invert(each.flange_T_tool))
+    alone = {
+        place: Place(
+            pose.base_T_flange,
+            pose.target.configuration,
+            _written(program, nominal, np.array(pose.target.near)) if pose.target.near else None,
+        )
+        for place, pose in poses.items()
+        if pose.target.near or (pose.target.configuration != NO_CONFIGURATION and not pose.target.keeps_posture)
     }
-    found = postures_at(nominal, [_place(program, nominal, *poses[place]) for place in told])
-    for place, posture in zip(told, found, strict=True):
+    for (place, asked), posture in zip(alone.items(), postures_at(nominal, list(alone.values())), strict=True):
         if not posture.several:
-            known[place] = replace(poses.pop(place)[1], q=posture.q, reason=posture.reason, posture=told[place])
-    known |= _Ways(program, nominal, known, poses).followed()
+            by = BY_CONFIGURATION if asked.near is None else BY_NEAR
+            known[place] = replace(poses.pop(place).known, q=posture.q, reason=posture.reason, posture=by)
+    known |= _Ways(nominal, known, poses).followed()
     return [known[target.place] for target in program.targets]
 
 
@@ -215,93 +211,85 @@ def _written(program: Program, nominal: Robot, values: Array) -> Array:
     return nominal.joints_of(values if program.language == "URScript" else np.radians(values))
 
 
-def _place(program: Program, nominal: Robot, base_T_flange: Array, known: _Known) -> Place:
-    near = _written(program, nominal, np.array(known.target.near)) if known.target.near else None
-    return Place(base_T_flange, known.target.configuration, near)
+@dataclass(frozen=True)
+class _Pose:
+    """A pose whose joints are not known yet, and where the flange then is."""
+
+    known: _Known
+    base_T_flange: Array
+
+    @property
+    def target(self) -> ProgramTarget:
+        return self.known.target
 
 
 class _Ways:
     """Postures of poses that follow from those before them: kept on a linear motion, the nearest after another one."""
 
-    def __init__(
-        self, program: Program, nominal: Robot, known: dict[int, _Known], poses: dict[int, tuple[Array, _Known]]
-    ) -> None:
-        self._program, self._nominal, self._known, self._poses = program, nominal, known, poses
-        self._ends: dict[tuple[int, int, bool], tuple[Array | None, Array | None]] = {}
-        self._open: dict[int, str] = {}  # reasons why postures are not told
+    def __init__(self, nominal: Robot, known: Mapping[int, _Known], poses: Mapping[int, _Pose]) -> None:
+        self._nominal, self._known, self._poses = nominal, known, poses
+        self._ends: dict[tuple[bytes, int, bool], Array | None] = {}
 
     def followed(self) -> dict[int, _Known]:
         """The poses with their joints, or with the reason why these are not told."""
+        open_: dict[int, str] = {}
         while True:
-            found = self._spread()
-            doubts = {place: doubt for place in found if (doubt := self._doubt(place, found))}
+            found = self._spread(open_)
+            reached = found.keys() & self._poses.keys()
+            doubts = {place: doubt for place in reached if (doubt := self._doubt(place, found))}
             if not doubts:
                 break
-            self._open |= doubts
-        left = {place: each for place, (_, each) in self._poses.items() if place not in found}
-        reasons = {place: {self._lacks(before, found) for before, _ in self._ways(place)} for place in left}
-        singular = {place: _SINGULAR for place, each in reasons.items() if _SINGULAR in each}
-        told = dict.fromkeys(left, _NOT_TOLD) | singular | self._open
-        return found | {place: replace(each, reason=told[place]) for place, each in left.items()}
+            open_ |= doubts
+        for place in self._poses.keys() - found.keys():
+            singular = any(start is not None and start.q is not None for start, _ in self._ways(place, found))
+            reason = open_.get(place, _SINGULAR if singular else _NOT_TOLD)
+            open_[place] = reason
+        return found | {place: replace(self._poses[place].known, reason=reason) for place, reason in open_.items()}
 
-    def _spread(self) -> dict[int, _Known]:
-        """Joints of the poses that can be reached from known ones, each by its first way."""
-        found: dict[int, _Known] = {}
-        waiting = [place for place in self._poses if place not in self._open]
-        while waiting:
-            for place in waiting:
-                for before, is_joint in self._ways(place):
-                    q = self._end(before, is_joint, place, found)
+    def _spread(self, open_: Mapping[int, str]) -> dict[int, _Known]:
+        """What is known, and the poses that can be reached from there, each by its first way."""
+        found = dict(self._known)
+        waiting = [place for place in self._poses if place not in open_]
+        count = -1
+        while len(found) > count:
+            count = len(found)
+            for place in [each for each in waiting if each not in found]:
+                for start, q in self._ways(place, found):
                     if q is not None:
-                        one = self._known_at(before, found)
-                        told = one.target.name if one is not None and one.q is not None else BY_CONFIGURATION
-                        found[place] = replace(self._poses[place][1], q=q, posture=told)
+                        told = BY_CONFIGURATION if start is None or start.q is None else start.target.name
+                        found[place] = replace(self._poses[place].known, q=q, posture=told)
                         break
-            still = [place for place in waiting if place not in found]
-            if len(still) == len(waiting):
-                break
-            waiting = still
         return found
 
-    def _doubt(self, place: int, found: dict[int, _Known]) -> str:
+    def _doubt(self, place: int, found: Mapping[int, _Known]) -> str:
         """Why the joints that were found of a pose may be others; "" where all ways lead to them."""
-        for before, is_joint in self._ways(place):
-            q = self._end(before, is_joint, place, found)
+        for start, q in self._ways(place, found):
             if q is None:
-                return self._lacks(before, found)
+                return _NOT_TOLD if start is None or start.q is None else _SINGULAR
             own = found[place].q
             if own is not None and not same_posture(q, own):
                 return "the targets that may stand before it lead to several postures there"
         return ""
 
-    def _lacks(self, before: int, found: dict[int, _Known]) -> str:
-        """Why the way from a place does not tell a posture."""
-        known = self._known_at(before, found)
-        return _NOT_TOLD if known is None or known.q is None else _SINGULAR
+    def _ways(self, place: int, found: Mapping[int, _Known]) -> Iterable[tuple[_Known | None, Array | None]]:
+        """What may stand before a pose, None where that is not known, and the joints to which the way leads."""
+        for arrival in self._poses[place].target.arrivals:
+            for before in sorted(arrival.after):
+                start = found.get(before)
+                yield start, self._end(None if start is None else start.q, arrival.is_joint, place)
 
-    def _ways(self, place: int) -> list[tuple[int, bool]]:
-        """Places before a pose, and whether a joint motion leads from each to it."""
-        arrivals = self._poses[place][1].target.arrivals
-        return [(before, arrival.is_joint) for arrival in arrivals for before in sorted(arrival.after)]
-
-    def _known_at(self, place: int, found: dict[int, _Known]) -> _Known | None:
-        return self._known.get(place) or found.get(place)
-
-    def _end(self, before: int, is_joint: bool, place: int, found: dict[int, _Known]) -> Array | None:
-        """Joints at a pose by one way to it; None where this does not tell them."""
-        known = self._known_at(before, found)
-        start = None if known is None else known.q
-        kept = self._ends.get((before, place, is_joint))
-        if kept is not None and kept[0] is start:
-            return kept[1]
-        goal, each = self._poses[place]
-        end = None if start is None or is_joint else along(self._nominal, start, goal)
-        told = each.target.configuration if is_joint or start is None or end is None else NO_CONFIGURATION
-        if end is None and (told != NO_CONFIGURATION or (is_joint and start is not None)):
-            (posture,) = postures_at(self._nominal, [Place(goal, told, start)])
-            end = posture.q
-        self._ends[before, place, is_joint] = start, end
-        return end
+    def _end(self, start: Array | None, is_joint: bool, place: int) -> Array | None:
+        """Joints at a pose by a way to it from joints; None where this does not tell them."""
+        key = (b"" if start is None else start.tobytes(), place, is_joint)
+        if key not in self._ends:
+            pose = self._poses[place]
+            told = pose.target.configuration
+            end = None if start is None or is_joint else along(self._nominal, start, pose.base_T_flange)
+            if end is None and (told != NO_CONFIGURATION or (is_joint and start is not None)):
+                (posture,) = postures_at(self._nominal, [Place(pose.base_T_flange, told, start)])
+                end = posture.q
+            self._ends[key] = end
+        return self._ends[key]
 
 
 def _where_the_tool_is_known(correction: Correction, known: Sequence[_Known]) -> Correction:

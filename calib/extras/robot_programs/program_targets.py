@@ -87,10 +87,8 @@ def load_program(path: Path, others: Sequence[Path] = ()) -> Program:
 
 def _content(path: Path, language: str) -> bytes:
     """Bytes of a program's file. Raises CalibError for what is none."""
-    if not path.exists():
-        raise CalibError(f"{path}: no such file; name a robot program")
     if not path.is_file():
-        raise CalibError(f"{path}: is no file; name a robot program")
+        raise CalibError(f"{path}: no such file; name a robot program")
     size = path.stat().st_size
     if size > _LARGEST_BYTES:
         raise CalibError(
@@ -130,21 +128,16 @@ def frames_given(language: str, option: str, texts: Sequence[str]) -> Frames:
     found: dict[str, Array] = {}
     for text in texts:
         name, _, listed = text.rpartition("=")
-        wrong = CalibError(
-            f"{option} {text}: for {language} a frame is {NUMBERS[language]} numbers {FORM[language]}, or NAME=numbers"
-        )
-        try:
-            values = np.array([float(part) for part in listed.split(",")])
-        except ValueError:
-            raise wrong from None
-        if len(values) != NUMBERS[language] or not np.isfinite(values).all():
-            raise wrong
-        if name.strip().lower() in found:
+        key = name.strip().lower()
+        if key in found:
             raise CalibError(f"{option} {text}: given twice for {name.strip() or 'the same frame'}")
         try:
-            found[name.strip().lower()] = pose_transform(language, values)
+            values = np.array([float(part) for part in listed.split(",")])
+            if len(values) != NUMBERS[language] or not np.isfinite(values).all():
+                raise ValueError(f"for {language} a frame is {NUMBERS[language]} numbers {FORM[language]}")
+            found[key] = pose_transform(language, values)
         except ValueError as error:
-            raise CalibError(f"{option} {text}: {error}") from None
+            raise CalibError(f"{option} {text}: {error}; give it as {FORM[language]}, or NAME=numbers") from None
     return found
 
 
@@ -155,22 +148,21 @@ def require_frames(program: Program, tools: Frames, works: Frames) -> None:
         ("--tool-frame", tools, [(target, target.tool) for target in program.targets]),
         ("--work-frame", works, [(target, target.work) for target in program.targets]),
     ):
-        open_ = {
-            frame.name.lower(): (frame, target)
-            for target, frame in reversed(frames)
-            if frame and frame.transform is None
-        }
-        unneeded = [name for name in given if (name not in open_ if name else not open_.keys() - given.keys())]
+        open_: dict[str, tuple[str, ProgramTarget]] = {}  # frames that are not defined, with their first targets
+        for target, frame in frames:
+            if frame is not None and frame.transform is None:
+                open_.setdefault(frame.name.lower(), (frame.name, target))
+        left = [told for name, told in open_.items() if name not in given]
+        unneeded = [name for name in given if name not in open_ and (name or not left)]
         if unneeded:
             what = f"{option} {unneeded[0]}".rstrip()
             raise CalibError(f"{program.path}: no target needs {what}: the program defines its own; leave it out")
-        left = [open_[name] for name in reversed(open_) if name not in given]
-        names = ", ".join(frame.name for frame, _ in left)
+        names = ", ".join(name for name, _ in left)
         if left and "" not in given:
-            frame, target = left[0]
+            name, target = left[0]
             several = f", and so do {len(left) - 1} others: {names}; each as NAME={form}" if len(left) > 1 else ""
             raise CalibError(
-                f"{program.path}: line {target.line}: {target.name} needs {frame.name}, which this file does not "
+                f"{program.path}: line {target.line}: {target.name} needs {name}, which this file does not "
                 f"define; give it as {option}={form} ({units}), or name its file as --with FILE{several}"
             )
         if len(left) > 1:
@@ -181,8 +173,8 @@ def require_frames(program: Program, tools: Frames, works: Frames) -> None:
 
 
 def frame_of(frame: NamedFrame | None, given: Frames) -> Array:
-    """Transform of a target's frame, the program's own or the given one."""
-    assert frame is not None, "a pose has frames"
-    if frame.transform is not None:
-        return frame.transform
-    return given.get(frame.name.lower(), given.get("", np.eye(4)))  # by require_frames one is given
+    """Transform of a target's frame, the program's own or the given one; of none the identity."""
+    if frame is None:
+        return np.eye(4)
+    found = given.get(frame.name.lower(), given.get("", np.eye(4)))  # by require_frames one is given
+    return found if frame.transform is None else frame.transform

@@ -298,7 +298,7 @@ def _blocked(plan: Plan) -> str:
     around = [other for _, other in plan.blocked if way_to[other].clear]
     if not around:
         return words
-    by = f"as programs, point lists and ROS trajectories do, by {numbers.listing([f'{name}_via1' for name in around])}"
+    by = f"as programs and point lists do, by {numbers.listing([f'{name}_via1' for name in around])}"
     return f"{words}, {by}" + ("" if len(around) == len(plan.blocked) else "; no free way was found for the others")
 
 

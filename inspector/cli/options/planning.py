@@ -66,5 +66,5 @@ class PlanOptions(FittingOptions, RobotFileOptions):
     )
     seed: int = option("of the poses to choose from (default 0)", 0, parse=values.seed)
     out: Path | None = option(
-        "write the poses: .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID), .yaml (ROS trajectory)",
+        "write the poses: .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID)",
     )

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from calib.errors import CalibError
-from calib.extras.robot_programs.measuring_program import (
-    Measured,
-    MeasuringOptions,
-    Trigger,
-    check_program,
-    program_files,
-)
+from calib.extras.robot_programs.measuring_options import MeasuringOptions
+from calib.extras.robot_programs.measuring_program import check_program, program_files
 from calib.planning.plan import Plan
 from inspector.cli.additions import PlanAddition
 from inspector.cli.options.planning import PlanOptions
@@ -46,27 +42,5 @@ class MeasuringProgram(PlanAddition[PlanProgramOptions, PlanOptions]):
 
 
 def _measuring(asked: PlanProgramOptions) -> MeasuringOptions:
-    usual = MeasuringOptions()
-    match asked.trigger:
-        case ("output", signal):
-            trigger = Trigger("output", signal)
-        case ("socket", host, port):
-            trigger = Trigger("socket", host=host, port=int(port))
-        case _:
-            trigger = Trigger()
-    match asked.measured:
-        case ("input", signal):
-            done = Measured("input", signal)
-        case ("reply",):
-            done = Measured("reply")
-        case _:
-            done = Measured()
-    return MeasuringOptions(
-        speed=asked.speed,
-        settle_s=usual.settle_s if asked.settle_s is None else asked.settle_s,
-        stand_s=usual.stand_s if asked.stand_s is None else asked.stand_s,
-        trigger=trigger,
-        pulse_s=usual.pulse_s if asked.pulse_s is None else asked.pulse_s,
-        measured=done,
-        tool=asked.tool_name or "",
-    )
+    given = {name: value for name, value in vars(asked).items() if value is not None and name != "program"}
+    return replace(MeasuringOptions(), **given)

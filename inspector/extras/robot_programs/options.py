@@ -7,30 +7,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from calib.extras.robot_programs.measuring_options import Signal
 from inspector.cli.options import values
 from inspector.cli.options.declaration import option, several
 
 _LONGEST_WAIT_S = 3600.0  # that an arm stands at a pose
 
 
-def parsed_trigger(text: str) -> tuple[str, ...]:
-    """Trigger of a measurement: "output:1" as its kind and signal, "socket:10.0.0.5:5000" as kind, host and port."""
+def parsed_trigger(text: str) -> Signal:
+    """Trigger of a measurement, such as "output:1" or "socket:10.0.0.5:5000"."""
     kind, _, rest = text.partition(":")
     if kind == "output" and rest.strip():
-        return kind, rest.strip()
+        return Signal("output", rest.strip())
     host, _, number = rest.rpartition(":")
     if kind == "socket" and host and number.isdecimal() and 0 < int(number) < 65536:
-        return kind, host, number
+        return Signal("socket", host=host, port=int(number))
     raise argparse.ArgumentTypeError(f"{text!r} is no trigger; output:1, output:doMeasure or socket:10.0.0.5:5000")
 
 
-def parsed_signal(text: str) -> tuple[str, ...]:
-    """Signal that a pose is measured: "input:2" as its kind and signal, or "reply"."""
+def parsed_signal(text: str) -> Signal:
+    """Signal that a pose is measured, such as "input:2", or "reply"."""
     kind, _, rest = text.partition(":")
     if kind == "input" and rest.strip():
-        return kind, rest.strip()
+        return Signal("input", rest.strip())
     if text == "reply":
-        return (text,)
+        return Signal("reply")
     raise argparse.ArgumentTypeError(f"{text!r} is no signal to wait for; input:2, input:diDone or reply")
 
 
@@ -55,13 +56,13 @@ class PlanProgramOptions:
         parse=parsed_speed,
     )
     settle_s: float | None = option("at rest before the trigger (default 1)", metavar="X", parse=parsed_wait_s)
-    trigger: tuple[str, ...] | None = option(  # output and its signal, or socket, host and port
+    trigger: Signal | None = option(
         "output:NUMBER (RAPID: output:NAME), a pulse, or socket:HOST:PORT, a line with the pose's name; default none",
         metavar="SIGNAL",
         parse=parsed_trigger,
     )
     pulse_s: float | None = option("length of the pulse (default 0.2)", metavar="X", parse=values.seconds)
-    measured: tuple[str, ...] | None = option(  # input and its signal, or reply
+    measured: Signal | None = option(
         "wait for input:NUMBER (RAPID: input:NAME), or reply (a line on the socket), however long it takes",
         metavar="SIGNAL",
         parse=parsed_signal,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import CalibError
-from calib.extras.robot_programs.measuring_program import MeasuringOptions, measuring_program
+from calib.extras.robot_programs.measuring_options import MeasuringOptions
+from calib.extras.robot_programs.measuring_program import measuring_program
 from calib.planning.plan import Plan
 from calib.planning.ways import steps_of
 

@@ -12,7 +12,6 @@ CONTRIBUTIONS = (
     CommandOptions("plan", f"{_HERE}.options:PlanProgramOptions", f"{_HERE}.measuring:MeasuringProgram"),
     CommandOptions("correct", f"{_HERE}.options:CorrectProgramOptions", f"{_HERE}.correcting:CorrectedProgram"),
     PlanFile("Download", "URScript", "planned_poses.script", _FILES, turning_joints=6),
-    PlanFile("Download", "ROS", "planned_poses.yaml", _FILES),
     PlanFile("Program", "UR", "measure.script", _PROGRAM, 6, _HINT),
     PlanFile("Program", "KUKA", "measure.src", _PROGRAM, 6, _HINT),
     PlanFile("Program", "ABB", "measure.mod", _PROGRAM, 6, _HINT),

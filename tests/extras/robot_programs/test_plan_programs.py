@@ -14,12 +14,8 @@ from calib.array_types import Array
 from calib.dataset.dataset import Box
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.extras.robot_programs.measuring_program import (
-    Measured,
-    MeasuringOptions,
-    Trigger,
-    check_program,
-)
+from calib.extras.robot_programs.measuring_options import MeasuringOptions, Signal
+from calib.extras.robot_programs.measuring_program import check_program
 from calib.extras.robot_programs.program_targets import load_program
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.start import FromRobot
@@ -177,7 +173,7 @@ def expected_way(plan: Plan) -> tuple[Array, list[int]]:
 @pytest.mark.parametrize("suffix", [".script", ".src", ".mod"])
 def test_a_program_goes_the_planned_way_and_measures_at_each_pose(plan: Plan, suffix: str) -> None:
     out, done = SIGNALS[suffix]
-    options = MeasuringOptions(settle_s=1.5, trigger=Trigger("output", out), measured=Measured("input", done))
+    options = MeasuringOptions(settle_s=1.5, trigger=Signal("output", out), measured=Signal("input", done))
     seen = run(planned_program(Path(f"measure{suffix}"), plan, options))
     way_deg, poses_at = expected_way(plan)
     np.testing.assert_allclose(np.array(seen.moves), way_deg, atol=WRITTEN_DEG[suffix])
@@ -224,7 +220,7 @@ def test_the_project_reads_its_own_programs_again(plan: Plan, suffix: str, tmp_p
 
 
 def test_a_socket_is_told_of_each_pose_and_answers(plan: Plan) -> None:
-    options = MeasuringOptions(trigger=Trigger("socket", host="10.0.0.5", port=5000), measured=Measured("reply"))
+    options = MeasuringOptions(trigger=Signal("socket", host="10.0.0.5", port=5000), measured=Signal("reply"))
     for suffix in (".script", ".mod"):
         events = run(planned_program(Path(f"measure{suffix}"), plan, options)).events
         told = [kind for kind, _ in events if kind in ("pose", "record", "send", "reply")]
@@ -265,12 +261,12 @@ def test_a_pose_without_a_free_way_makes_no_program(plan: Plan) -> None:
     [
         ("m.txt", MeasuringOptions(), "for another controller write the poses as .csv"),
         ("my program.mod", MeasuringOptions(), "my_program.mod will do"),
-        ("m.script", MeasuringOptions(trigger=Trigger("output", "9")), "have numbers, 0 to 7"),
-        ("m.mod", MeasuringOptions(trigger=Trigger("output", "1")), "have names"),
-        ("m.script", MeasuringOptions(measured=Measured("reply")), "--trigger socket"),
+        ("m.script", MeasuringOptions(trigger=Signal("output", "9")), "have numbers, 0 to 7"),
+        ("m.mod", MeasuringOptions(trigger=Signal("output", "1")), "have names"),
+        ("m.script", MeasuringOptions(measured=Signal("reply")), "--trigger socket"),
         ("m.src", MeasuringOptions(speed=250.0), "100 at most"),
-        ("m.script", MeasuringOptions(tool="tool1"), "leave out --tool-name"),
-        ("m.script", MeasuringOptions(trigger=Trigger("socket", host='x"y', port=1)), "no host's name"),
+        ("m.script", MeasuringOptions(tool_name="tool1"), "leave out --tool-name"),
+        ("m.script", MeasuringOptions(trigger=Signal("socket", host='x"y', port=1)), "no host's name"),
     ],
 )
 def test_what_a_language_cannot_do_is_refused(name: str, options: MeasuringOptions, found: str) -> None:

@@ -17,7 +17,8 @@ from calib.compensation.correction import Correction
 from calib.compensation.target_files import corrected_points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.extras.robot_programs.point_lists import LONGEST, identifiers, require_point_list
+from calib.extras.robot_programs.point_lists import LONGEST, require_point_list
+from calib.extras.robot_programs.program_templates import identifiers
 from calib.robot_formats.target_form import form_of_targets
 from tests.support.hidden_dataset import arm
 

@@ -59,8 +59,8 @@ def reaching(marks: Iterable[FlowEvent[Value]], before: Value, *, top_first: boo
     routines: dict[str, _Block[Value]] = {}
     open_ = [whole]
     doubles: list[_Block[Value]] = []  # routines of a name that another one has
-    uses: list[int] = []
-    for mark in sorted(marks, key=lambda each: each.place):
+    events = sorted(marks, key=lambda each: each.place)
+    for mark in events:
         inner = open_[-1]
         if mark.kind in _OPENING:
             block: _Block[Value] = _Block(mark.kind, mark.name, [] if mark.kind == "switch" else [[]])
@@ -77,84 +77,57 @@ def reaching(marks: Iterable[FlowEvent[Value]], before: Value, *, top_first: boo
             open_ = open_[:-1] or open_
         else:
             inner.add(mark)
-            uses += [mark.place] if mark.kind == "use" else []
-    walk = _Walk(routines, whole)
-    start = frozenset([before])
-    while walk.changed:
-        walk.start()
-        after = walk.through(whole.branches[0], start, 0)
-        for block in routines.values():
-            if block.name not in walk.called:
-                walk.through(block.branches[0], (after or start) if top_first else start, 0)
-        for block in (*routines.values(), *doubles):  # those that only call each other
-            if block.name not in walk.entered or block in doubles:
-                walk.through(block.branches[0], start, 0)
-    return {place: frozenset(walk.found.get(place, start)) or start for place in uses}
+    walk = _Walk(routines, frozenset([before, *(mark.value for mark in events if mark.value is not None)]))
+    start, called = frozenset([before]), {mark.name for mark in events if mark.kind == "call"}
+    after = walk.through(whole.branches[0], start)
+    for block in routines.values():
+        if block.name not in called:
+            walk.through(block.branches[0], after if top_first else start)
+    for block in (*routines.values(), *doubles):  # those that only call each other
+        if block.name not in walk.entered or block in doubles:
+            walk.through(block.branches[0], start)
+    for block in routines.values() if walk.is_recursive else ():
+        walk.through(block.branches[0], walk.everything)
+    return {mark.place: frozenset(walk.found.get(mark.place, start)) for mark in events if mark.kind == "use"}
 
 
 class _Walk(Generic[Value]):
-    def __init__(self, routines: dict[str, _Block[Value]], whole: _Block[Value]) -> None:
+    def __init__(self, routines: dict[str, _Block[Value]], everything: frozenset[Value]) -> None:
         self._routines = routines
-        self._after: dict[tuple[str, frozenset[Value]], frozenset[Value]] = {}
-        self._done: set[tuple[str, frozenset[Value]]] = set()
-        self._running: set[tuple[str, frozenset[Value]]] = set()
-        self.changed = True
+        self._after: dict[tuple[str, frozenset[Value]], frozenset[Value]] = {}  # a routine that begins with values
+        self._running: list[str] = []
+        self.everything = everything
         self.found: dict[int, set[Value]] = {}
-        self.called = {
-            mark.name for block in (whole, *routines.values()) for mark in _calls(block) if mark.name != block.name
-        }
         self.entered: set[str] = set()
+        self.is_recursive = False  # routines call themselves, or are called too deep to be followed
 
-    def start(self) -> None:
-        """Begin another pass, which ends unchanged once what routines return is found."""
-        self._done.clear()
-        self.changed = False
-
-    def through(
-        self, parts: Sequence[FlowEvent[Value] | _Block[Value]], state: frozenset[Value], depth: int
-    ) -> frozenset[Value]:
+    def through(self, parts: Sequence[FlowEvent[Value] | _Block[Value]], state: frozenset[Value]) -> frozenset[Value]:
         for part in parts:
             if isinstance(part, _Block):
-                state = self._block(part, state, depth)
+                state = self._block(part, state)
             elif part.kind == "set" and part.value is not None:
                 state = frozenset([part.value])
             elif part.kind == "use":
                 self.found.setdefault(part.place, set()).update(state)
-            elif part.kind == "call":
-                state = self._call(part.name, state, depth)
+            elif part.kind == "call" and part.name in self._routines:
+                state = self._call(part.name, state)
         return state
 
-    def _block(self, block: _Block[Value], state: frozenset[Value], depth: int) -> frozenset[Value]:
+    def _block(self, block: _Block[Value], state: frozenset[Value]) -> frozenset[Value]:
         if block.kind in ("loop", "always"):
-            state = state | self.through(block.branches[0], state, depth)
-            after = self.through(block.branches[0], state, depth)
+            state = state | self.through(block.branches[0], state)
+            after = self.through(block.branches[0], state)
             return after if block.kind == "always" else state | after
-        ends = [self.through(branch, state, depth) for branch in block.branches]
+        ends = [self.through(branch, state) for branch in block.branches]
         return frozenset().union(*ends, frozenset() if block.complete else state)
 
-    def _call(self, name: str, state: frozenset[Value], depth: int) -> frozenset[Value]:
-        block = self._routines.get(name)
-        if block is None or depth > _DEEPEST:
-            return state
+    def _call(self, name: str, state: frozenset[Value]) -> frozenset[Value]:
         self.entered.add(name)
-        key = (name, state)
-        if key in self._running:  # it calls itself: what the pass before found counts
-            return self._after.get(key, frozenset()) | state
-        if key not in self._done:
-            self._done.add(key)
-            self._running.add(key)
-            after = self.through(block.branches[0], state, depth + 1) | self._after.get(key, frozenset())
-            self.changed |= after != self._after.get(key)
-            self._after[key] = after
-            self._running.remove(key)
-        return self._after[key]
-
-
-def _calls(block: _Block[Value]) -> list[FlowEvent[Value]]:
-    found: list[FlowEvent[Value]] = []
-    for part in [part for branch in block.branches for part in branch]:
-        if isinstance(part, _Block):
-            found += _calls(part)
-        elif part.kind == "call":
-            found.append(part)
-    return found
+        if name in self._running or len(self._running) > _DEEPEST:  # then anything may hold before and behind it
+            self.is_recursive = True
+            return self.everything
+        if (name, state) not in self._after:
+            self._running.append(name)
+            self._after[name, state] = self.through(self._routines[name].branches[0], state)
+            self._running.pop()
+        return self._after[name, state]

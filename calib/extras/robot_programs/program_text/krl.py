@@ -77,11 +77,9 @@ class KrlReader(ProgramReader):
         missing = ", ".join(each.upper() for each in wanted if each not in parts)
         if statement[0].parts[0].text.endswith("_rel"):
             return "a relative motion"
-        if not held.name:
-            return "an argument or part of an expression"
         if held.by is not None and (held.by.component or re.match(r"\$|(base|tool)_data", held.variable)):
             return "the definition of a tool or base, or another variable of the system"
-        if held.variable in self._frame_names:
+        if held.by is not None and "frame" in held.by.before:
             return "a FRAME, no position"
         if missing:
             return f"part of a position: the controller keeps the present {missing}"
@@ -95,15 +93,6 @@ class KrlReader(ProgramReader):
             target = replace(target, tool=tool, work=work)
         external = [parts[each] for each in _EXTERNAL if each in parts]
         return Told(target, [parts[each] for each in wanted], external, reason=reason)
-
-    @cached_property
-    def _frame_names(self) -> set[str]:
-        """Variables that are declared as a FRAME and not moved to: mostly a base."""
-        found: set[str] = set()
-        for statement in self.source.statements:
-            texts = [part.text for item in statement for part in item.parts]
-            found |= {*texts[texts.index("frame") + 1 :]} if "frame" in texts[:3] else set()
-        return found - {visit.aim.variable for visit in self.visits}
 
     def _configuration(self, parts: dict[str, Item]) -> Configuration:
         """Posture by status and turn.
@@ -170,33 +159,27 @@ class KrlReader(ProgramReader):
         return NamedFrame(f"${kind.upper()} of {self.source.at_line(each.place)}", transform)
 
     def frames(self) -> tuple[Frames, Frames]:
-        """Where tools and bases are set outside of motions: directly, by BAS and by an inline form."""
+        """Where tools and bases are set outside of motions."""
         tools, works = (
             Frames(
                 NamedFrame(f"the {kind} (the file sets no ${kind.upper()})", None),
-                [
-                    *(
-                        FlowEvent(each.place, "set", value=self._frame(each))
-                        for each in self._sets(kind)
-                        if not {*each.before} & _MOTIONS.keys()
-                    ),
-                    *(
-                        FlowEvent(each.place, "set", value=NamedFrame(f"the {kind} of {self.text(each.value)}", None))
-                        for each in self.assignments.get("fdat_act", [])
-                    ),
-                    *self._by_call(kind),
-                ],
+                [FlowEvent(place, "set", value=frame) for place, frame in self._set(kind)],
             )
             for kind in ("tool", "base")
         )
         return tools, works
 
-    def _by_call(self, kind: str) -> Iterable[FlowEvent[NamedFrame]]:
-        for statement in self.source.statements:
-            for call in statement[0].parts[:1]:
-                texts = [part.text for item in call.items for part in item.parts]
-                if call.text == "bas" and texts[:2] == ["#", kind]:
-                    yield FlowEvent(call.start, "set", value=self._numbered(kind, "".join(texts[2:])))
+    def _set(self, kind: str) -> Iterable[tuple[int, NamedFrame]]:
+        """Places and frames of a kind: set directly, by an inline form and by BAS."""
+        for each in self._sets(kind):
+            if not {*each.before} & _MOTIONS.keys():
+                yield each.place, self._frame(each)
+        for each in self.assignments.get("fdat_act", []):
+            yield each.place, NamedFrame(f"the {kind} of {self.text(each.value)}", None)
+        for call, _ in self.source.parts():
+            texts = [part.text for item in call.items for part in item.parts]
+            if call.text == "bas" and texts[:2] == ["#", kind]:
+                yield call.start, self._numbered(kind, "".join(texts[2:]))
 
 
 def _components(brackets: Part) -> dict[str, Item]:

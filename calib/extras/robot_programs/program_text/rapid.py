@@ -19,7 +19,6 @@ from calib.extras.robot_programs.program_text.flow import FlowKind
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.reading import (
     Assignment,
-    Frames,
     Held,
     ProgramReader,
     Told,
@@ -144,8 +143,6 @@ class RapidReader(ProgramReader):
         if counts not in (_POSE, _JOINTS):
             plain = kind not in ("robtarget", "jointtarget") or bool(held.by and held.by.index) or held.element
             return None if plain else "its parts are not all plain numbers"
-        if not held.name:
-            return "an argument or part of an expression"
         lists = [item.parts[0] for item in held.literal.items]
         external = lists[-1].items
         if counts == _JOINTS:
@@ -165,13 +162,6 @@ class RapidReader(ProgramReader):
         ranges = tuple((quadrants[k], quadrants[k] + 90.0) if k in quadrants else (-inf, inf) for k in range(6))
         cfx = int(numbers[3].value)
         return Configuration(ranges, behind=bool(cfx & 4), elbow_as_at_zero=not cfx & 2, axis_5_negative=bool(cfx & 1))
-
-    def frames(self) -> tuple[Frames, Frames]:
-        """Frames of targets that no move tells."""
-        tool, work = (
-            Frames(NamedFrame(f"the {what} (the program has no move)", None)) for what in ("tool", "work object")
-        )
-        return tool, work
 
 
 def _counts(part: Part) -> list[int]:

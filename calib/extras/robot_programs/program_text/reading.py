@@ -126,21 +126,20 @@ class ProgramReader(ABC):
             for item in statement:
                 self._read_assignment(item, statement[0].parts if item is not statement[0] else ())
         self._structure = list(self._blocks())
-        self.visits = [
-            visit for statement in source.statements if statement[0].parts for visit in self.moves(statement)
-        ]
+        self.visits = [visit for statement in source.statements for visit in self.moves(statement)]
 
     @abstractmethod
     def moves(self, statement: Statement) -> Iterable[Visit]:
-        """The motions of a statement, which is not empty."""
+        """The motions of a statement."""
 
     @abstractmethod
     def told(self, held: Held, statement: Statement) -> Told | str | None:
         """A literal's target, why it is left, or None where it does not look like one."""
 
-    @abstractmethod
     def frames(self) -> tuple[Frames, Frames]:
         """Where tools and work frames are set, for visits that do not tell theirs."""
+        tool, work = (NamedFrame(f"the {what} (the program has no move)", None) for what in ("tool", "work object"))
+        return Frames(tool), Frames(work)
 
     @property
     def acts(self) -> bool:
@@ -197,11 +196,10 @@ class ProgramReader(ABC):
                     yield FlowEvent(part.start, kind, name)
                 if kind == "if" and self.then not in ("", *(each.text for each in parts[k:])):
                     yield FlowEvent(statement[-1].end, "end")
-        for statement in self.source.statements:
-            if not statement[0].parts or statement[0].parts[0].text not in _DECLARES:
-                for part in (part for item in statement for part in item.deep() if part.text in self.routines):
-                    if part.start not in heads and (part.bracket == "(" or self.then):
-                        yield FlowEvent(part.start, "call", part.text)
+        for part, statement in self.source.parts():
+            is_call = part.text in self.routines and (part.bracket == "(" or bool(self.then))
+            if is_call and part.start not in heads and statement[0].parts[0].text not in _DECLARES:
+                yield FlowEvent(part.start, "call", part.text)
 
     def aim(self, item: Item) -> Aim:
         """What an expression stands for."""
@@ -233,21 +231,22 @@ class ProgramReader(ABC):
         held = {each.literal.start: each for each in reversed(list(self._held()))}
         found: list[tuple[ProgramTarget, Held, Told]] = []
         external: list[int] = []
-        for statement in (each for each in self.source.statements if each[0].parts):
-            for part in (part for item in statement for part in item.deep()):
-                if part.start >= self.source.own_end or not self.is_literal(part):
-                    continue
-                by = held.get(part.start, Held(Aim(part.start), part))
-                told = self.told(by, statement)
-                values = self.source.numbers(told.items, self.units) if isinstance(told, Told) else told
-                if isinstance(values, str):
-                    self._leave(part.start, by.name or self.text(part), values)
-                elif isinstance(told, Told) and values is not None:
-                    line = self.source.line(part.start)
-                    target = replace(told.target, name=by.name, line=line, numbers=values, place=part.start)
-                    found.append((target, by, told))
-                    if not all(_STANDS.fullmatch(self.text(item)) for item in told.external):
-                        external.append(line)
+        for part, statement in self.source.parts():
+            if part.start >= self.source.own_end or not self.is_literal(part):
+                continue
+            by = held.get(part.start, Held(Aim(part.start), part))
+            told = self.told(by, statement)
+            if isinstance(told, Told) and not by.name:
+                told = "an argument or part of an expression"
+            values = self.source.numbers(told.items, self.units) if isinstance(told, Told) else told
+            if isinstance(values, str):
+                self._leave(part.start, by.name or self.text(part), values)
+            elif isinstance(told, Told) and values is not None:
+                line = self.source.line(part.start)
+                target = replace(told.target, name=by.name, line=line, numbers=values, place=part.start)
+                found.append((target, by, told))
+                if not all(_STANDS.fullmatch(self.text(item)) for item in told.external):
+                    external.append(line)
         targets = tuple(self._settled(found))
         if external:
             where = f"line {numbers.in_short(external, 1)}"
@@ -277,7 +276,12 @@ class ProgramReader(ABC):
             for visit in own:
                 goals.setdefault(visit.aim.place, []).append(place)
         uses: list[FlowEvent[Never]] = [FlowEvent(visit.aim.place, "use") for visit in visits]
-        ends = [event for visit in visits for event in _end(visit, goals.get(visit.aim.place, []))]
+        ends: list[FlowEvent[int]] = []  # a posture that is kept on the way to a place that is not known stays the same
+        for visit in visits:
+            to_it = goals.get(visit.aim.place, [])
+            if len(to_it) == 1 or visit.is_joint:
+                end = to_it[0] if len(to_it) == 1 else UNKNOWN_PLACE
+                ends.append(FlowEvent(visit.aim.place, "set", value=end))
         tools, works = self.frames()
         before, tool_at, work_at = (
             reaching([*self._structure, *uses, *sets], at_start, top_first=self.top_first)
@@ -307,12 +311,6 @@ class ProgramReader(ABC):
                 self._leave(target.place, target.name, reason)
             else:
                 yield target
-
-
-def _end(visit: Visit, goals: Sequence[int]) -> Iterable[FlowEvent[int]]:
-    """The target at which a motion leaves the arm; a posture that is kept on the way stays the same."""
-    if len(goals) == 1 or visit.is_joint:
-        yield FlowEvent(visit.aim.place, "set", value=goals[0] if len(goals) == 1 else UNKNOWN_PLACE)
 
 
 def _after(visit: Visit, before: dict[int, frozenset[int]]) -> frozenset[int]:

@@ -63,6 +63,7 @@ class Item:
 
 
 Statement = tuple[Item, ...]
+"""What stands between its commas; the first item has parts."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,11 @@ class _Open:
     def close_item(self, place: int) -> None:
         self.items.append(Item(self.begin, place, tuple(self.parts)))
         self.begin, self.parts = place + 1, []
+
+    def statement(self, place: int) -> Iterable[Statement]:
+        self.close_item(place)
+        if self.items[0].parts:
+            yield tuple(self.items)
 
 
 class Source:
@@ -131,16 +137,18 @@ class Source:
             elif token == ",":
                 inner.close_item(place)
             elif token in syntax.ends and not inner.bracket:
-                inner.close_item(place)
-                yield tuple(inner.items)
+                yield from inner.statement(place)
                 open_ = [_Open(place + 1, place + 1)]
             elif not token.isspace():
                 inner.parts.append(Part(place, match.end(), "".join(token.split())))
         last = open_[-1]
         if last.bracket:
             raise self._error(last.start, f"the bracket {last.bracket} is never closed")
-        last.close_item(len(self.code))
-        yield tuple(last.items)
+        yield from last.statement(len(self.code))
+
+    def parts(self) -> Iterable[tuple[Part, Statement]]:
+        """All parts, those within brackets too, with their statements."""
+        return ((part, statement) for statement in self.statements for item in statement for part in item.deep())
 
     def _error(self, place: int, words: str) -> CalibError:
         where = f"{self._file(place)[1]}: line {self.line(place)}"

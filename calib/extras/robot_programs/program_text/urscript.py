@@ -60,8 +60,7 @@ class UrscriptReader(ProgramReader):
     @property
     def acts(self) -> bool:
         """Whether it calls anything that a list of points does not."""
-        every = (part for statement in self.source.statements for item in statement for part in item.deep())
-        return any(part.bracket == "(" and part.text not in ("", *_PLAIN) for part in every)
+        return any(part.bracket == "(" and part.text not in ("", *_PLAIN) for part, _ in self.source.parts())
 
     def is_changed(self, assignment: Assignment) -> bool:
         """Whether a number of a list is set."""
@@ -100,8 +99,6 @@ class UrscriptReader(ProgramReader):
         literal = held.literal
         if len(literal.items) != 6 or any(part.bracket == "[" for item in literal.items for part in item.parts):
             return None
-        if not held.name:
-            return "an argument or part of an expression"
         is_pose = literal.text == "p"
         near = held.aim.near or (self._joints_of(held.name[:-2] + "_q") if held.name.endswith("_p") else ())
         work = _BASE if held.aim.frame is None else self._frame(held.aim.frame)
@@ -155,7 +152,7 @@ class UrscriptReader(ProgramReader):
     def frames(self) -> tuple[Frames, Frames]:
         """Where the tool is set; poses are in the base or behind a frame of their own."""
         sets: list[FlowEvent[NamedFrame]] = []
-        for call in (part for statement in self.source.statements for item in statement for part in item.deep()):
+        for call, _ in self.source.parts():
             if call.text == "set_tcp" and call.items:
                 aim = self.aim(call.items[0])
                 held = None if aim.literal else self._once(aim.variable)

@@ -34,9 +34,9 @@ MODULE {{ program }}
     Stop;
 {% endif %}
 {% for point in pose.way %}
-    MoveAbsJ {{ point.name }}\NoEOffs,slow,fine,{{ tool or "tool0" }};
+    MoveAbsJ {{ point.name }}\NoEOffs,slow,fine,{{ tool_name or "tool0" }};
 {% endfor %}
-    MoveAbsJ {{ pose.name }}\NoEOffs,slow,fine,{{ tool or "tool0" }};
+    MoveAbsJ {{ pose.name }}\NoEOffs,slow,fine,{{ tool_name or "tool0" }};
     measure_here "{{ pose.label }}";
 {% endfor %}
 {% if trigger.kind == "socket" %}
