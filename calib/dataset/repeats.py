@@ -159,9 +159,11 @@ def _mean_points(points: Points, group: IndexArray, first: IndexArray) -> Points
     # A row that was written twice is no second measurement and carries no information on the noise.
     keys = np.column_stack([group, np.round(points.xyz_mm, SAME_DIGITS)])
     different = np.sort(np.unique(keys, axis=0, return_index=True)[1])
-    measured = np.bincount(group[different], minlength=len(first))
-    mean_mm = group_sums(points.xyz_mm[different], group[different], len(first)) / measured[:, None]
-    counts_as = np.minimum(measured, max(int(np.median(measured)), 1)).astype(float)
+    weights = np.ones(len(different)) if points.counts_as is None else points.counts_as[different]
+    measured = group_sums(weights, group[different], len(first))
+    weighed_mm = weights[:, None] * points.xyz_mm[different]
+    mean_mm = group_sums(weighed_mm, group[different], len(first)) / measured[:, None]
+    counts_as = np.minimum(measured, max(float(np.floor(np.median(measured))), 1.0))
     return Points(
         pose=points.pose[first],
         xyz_mm=mean_mm,

@@ -89,7 +89,7 @@ _OTHERS = {  # spellings, without signs
 _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}
 _VALUE = re.compile(r"[/._ ](?:position|pos|value|actual|angle|meas|measured)(?:\[\d+\])?$")  # behind a joint's name
 _EXACT = re.compile(
-    r"^(length_(mm|m)|anchor|q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach[1-9]\d{0,2})$",
+    r"^(length_(mm|m)|anchor|counts_as|q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach[1-9]\d{0,2})$",
     re.ASCII,
 )
 

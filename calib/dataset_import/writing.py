@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -117,9 +118,8 @@ def _condition(report: ImportReport, joints: MeantTable, meaning: str) -> list[s
 
 def points_text(points: MeantTable, poses: Sequence[str], xyz_mm: Array) -> str:
     """Text of points.csv."""
-    further = [
-        m for m in points.meant.columns if m == "target" or (m[:1] in "qrs" and m[1:2] in "wxyz") or m[1:3] == "_r"
-    ]
+    as_told = re.compile(r"target|counts_as|[qrs][wxyz].*|._r.*")
+    further = [m for m in points.meant.columns if as_told.fullmatch(m)]
     columns = [points.cells(m) for m in further]
     body = [
         [pose, *("" if np.isnan(v) else repr(float(v)) for v in place), *(column[i] for column in columns)]

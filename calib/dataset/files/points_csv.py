@@ -5,8 +5,9 @@ not known); the covariance of its error as a small turn about the scanner's axes
 ryy_rad2, ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ...
 z_rz_mm_rad`. Columns in metres have `m` in place of `mm` in their names, all of them. `shared1_x_mm ...
 shared1_rz_rad`, `shared2_x_mm ...` are the changes of point and turn by one sigma of each error that all points
-share, such as a lens's. A row whose three coordinates are empty says that the point was not seen. In place of x, y
-and z there may be `length_mm`, from an `anchor` whose place is not known.
+share, such as a lens's. `counts_as` is the number of usual measurements that a point weighs as much as, such as a mean
+of fewer readings than the others. A row whose three coordinates are empty says that the point was not seen. In place of
+x, y and z there may be `length_mm`, from an `anchor` whose place is not known.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ CROSS_COLUMNS = tuple(f"{point}_r{turn}_mm_rad" for point in "xyz" for turn in "
 SHARED_PARTS = ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad")
 _XYZ_COLUMNS = ("x_mm", "y_mm", "z_mm")
 LENGTH_COLUMN = "length_mm"
+COUNTS_AS = "counts_as"
 _IN_MM = {"mm": 1.0, "m": 1000.0}
 _UPPER = np.triu_indices(3)
 FARTHEST_MM = 1e9
@@ -128,8 +130,13 @@ def _points_of(file: TableFile, robot: Robot, poses: Poses, units: DeclaredUnits
     if _any(file, (*QUATERNION_COLUMNS, *TURN_COLUMNS, *_in_length(CROSS_COLUMNS, unit))):
         orientations = _load_orientations(file, target, covariance, unit, units.quaternion)
     pose = np.array([index[pose_id] for pose_id in ids], dtype=np.int64)
+    counts_as = None
+    if COUNTS_AS in file:
+        counts_as = file.numbers([COUNTS_AS])[:, 0]
+        for row in np.flatnonzero(~(counts_as > 0.0))[:1]:
+            raise file.error(int(row), COUNTS_AS, f"found {counts_as[row]:g}", "a number above 0 is needed")
     shared = _load_shared(file, orientations)
-    points = Points(pose, xyz_mm, target, covariance, orientations, shared=shared)
+    points = Points(pose, xyz_mm, target, covariance, orientations, counts_as, shared=shared)
     return points, _warnings(file, robot, poses, points, unit)
 
 
@@ -352,6 +359,8 @@ def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
         named = {"anchor": points.lengths.anchor} if np.any(points.lengths.anchor != "") else {}
         return pd.DataFrame(columns | named | {LENGTH_COLUMN: points.lengths.length_mm})
     columns |= {f"{axis}_mm": points.xyz_mm[:, k] for k, axis in enumerate("xyz")}
+    if points.counts_as is not None:
+        columns[COUNTS_AS] = points.counts_as
     if points.covariance_mm2 is not None:
         upper = points.covariance_mm2[:, _UPPER[0], _UPPER[1]]
         columns |= {name: upper[:, k] for k, name in enumerate(COVARIANCE_COLUMNS)}

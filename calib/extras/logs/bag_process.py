@@ -17,15 +17,12 @@ import numpy as np
 
 MOST_SAMPLES = 4_000_000  # of one topic: two hours at 500 Hz
 _DEPTH = 5  # of the message parts that are looked through for a position
-_JOINT_TYPE = "sensor_msgs/msg/JointState"
+JOINT_TYPE = "sensor_msgs/msg/JointState"
 _NOT_LOOKED_INTO = ("sensor_msgs/", "rcl_interfaces/", "rosgraph_msgs/", "diagnostic_msgs/", "trajectory_msgs/",
                     "nav_msgs/msg/Path", "nav_msgs/msg/OccupancyGrid", "control_msgs/", "std_msgs/", "moveit_msgs/",
                     "actionlib_msgs/", "action_msgs/", "stereo_msgs/", "shape_msgs/", "octomap_msgs/")  # fmt: skip
 _LABELS = ("child_frame_id", "marker_name", "id", "marker_index", "fiducial_id", "tag_id", "object_id", "name",
            "class_id", "tracking_id", "index", "rigid_body_name", "segment_name", "subject_name")  # fmt: skip
-_LISTS = ("transforms", "markers", "detections", "poses", "points", "fiducials", "tags", "bodies", "rigid_bodies",
-          "rigidbodies", "objects", "subjects")  # fmt: skip
-_IDENTIFIERS = ("marker_ids", "ids", "tag_ids", "names")  # of the items of a list, in a list beside it
 _INSIDE = ("pose", "position", "transform", "translation", "point", "center", "bbox", "results")  # where positions are
 _ANGLES = ("q", "actual_q", "measured_joint_position", "joint_position", "joint_positions", "joint_angles")
 """Lists of joint values without names, as messages of makers have them: they are named q01, q02 ..."""
@@ -56,7 +53,7 @@ def read(request: Mapping[str, Any]) -> dict[str, Any]:
             topics = [
                 {"topic": t, "type": info.msgtype or "", "count": info.msgcount} for t, info in bag.topics.items()
             ]
-            chosen = [each for each in bag.connections if holds_joints(each.msgtype) or may_have_points(each.msgtype)]
+            chosen = [each for each in bag.connections if each.msgtype == JOINT_TYPE or may_have_points(each.msgtype)]
             if request["only_topics"] or not chosen:  # of none the reader would read all
                 return {"topics": topics, "joints": [], "points": []}
             messages = (
@@ -68,11 +65,6 @@ def read(request: Mapping[str, Any]) -> dict[str, Any]:
         raise
     except Exception as error:  # whatever a damaged file leads the library to
         return {"failed": " ".join(str(error).split())[:300] or type(error).__name__}
-
-
-def holds_joints(kind: str) -> bool:
-    """Whether messages of a type are joint states."""
-    return kind == _JOINT_TYPE
 
 
 def may_have_points(kind: str) -> bool:
@@ -104,17 +96,16 @@ def series_of(messages: Iterable[tuple[str, float, Any]]) -> dict[str, Any]:
         for label, frame, stamp_s, xyz in found:
             points[topic, label, frame].append([log_s, stamp_s, *xyz])
     frames = Counter((topic, label) for topic, label, _ in points)
-    by_label = {  # seen from several frames, as by two cameras, a marker is several points
-        (topic, f"{frame}/{label}".strip("/") if frames[topic, label] > 1 else label): rows
-        for (topic, label, frame), rows in points.items()
-    }
     return {
-        "joints": [{"topic": t, "names": names, "rows": packed(rows)} for (t, names), rows in joints.items()],
-        "points": [{"topic": t, "label": label, "rows": packed(rows)} for (t, label), rows in by_label.items()],
+        "joints": [{"topic": t, "names": names, "rows": _packed(rows)} for (t, names), rows in joints.items()],
+        "points": [  # seen from several frames, as by two cameras, a marker is several points
+            {"topic": t, "label": f"{frame}/{at}".strip("/") if frames[t, at] > 1 else at, "rows": _packed(rows)}
+            for (t, at, frame), rows in points.items()
+        ],
     }
 
 
-def packed(rows: list[list[float]]) -> dict[str, Any]:
+def _packed(rows: list[list[float]]) -> dict[str, Any]:
     """Rows of numbers as JSON: shape and base64 of their doubles."""
     array = np.asarray(rows, dtype="<f8")
     return {"shape": list(array.shape), "data": base64.b64encode(array.tobytes()).decode("ascii")}
@@ -150,18 +141,18 @@ def _stamp_s(message: Any) -> float:
 
 def positions(message: Any) -> Iterator[tuple[str, str, float, tuple[float, float, float]]]:
     """Positions in a message with label, frame and time, s: of itself, or of each item of its list."""
-    items, frame, beside = [(message, "")], _frame(message), None
+    items, frame = [(message, "")], _frame(message)
     if _position(message) is None:
-        for lists in (each for name in _LISTS if isinstance(each := getattr(message, name, None), list) and each):
-            told = (getattr(message, key, None) for key in _IDENTIFIERS)
-            beside = next((ids for ids in told if isinstance(ids, (list, np.ndarray)) and len(ids) == len(lists)), None)
-            items = [(item, str(k if beside is None else beside[k])) for k, item in enumerate(lists)]
-            break
+        parts = vars(message)
+        lists = (v for v in parts.values() if isinstance(v, list) and v and _position(v[0]) is not None)
+        listed = next(lists, [])
+        told = (v for k, v in parts.items() if k.endswith(("ids", "names")) and len(v) == len(listed))
+        items = [(item, str(label)) for item, label in zip(listed, next(told, range(len(listed))), strict=True)]
     for item, place in items:
         xyz, own_s = _position(item), _stamp_s(item)
         if xyz is not None and getattr(item, "action", 0) < DELETED:
-            label = place if beside is not None else _label(item, place)
-            yield label, _frame(item) or frame, own_s if math.isfinite(own_s) else _stamp_s(message), xyz
+            own = own_s if math.isfinite(own_s) else _stamp_s(message)
+            yield _label(item, place), _frame(item) or frame, own, xyz
 
 
 def _frame(part: Any) -> str:

@@ -17,8 +17,8 @@ import numpy as np
 from calib.array_types import Array
 from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.errors import visible
-from calib.extras.logs.bag_process import holds_joints, may_have_points
-from calib.extras.logs.series import BAGS, JointSeries, PointSeries, Recording, RecordingError, in_order, is_own_pose
+from calib.extras.logs.bag_process import JOINT_TYPE, may_have_points
+from calib.extras.logs.series import BAGS, JointSeries, PointSeries, Recording, RecordingError, in_order
 
 _READER = "calib.extras.logs.bag_process:read"
 _LIMITS = ProcessLimits(seconds=900.0, memory_bytes=4 * 1024**3, answer_bytes=1024**3)
@@ -35,8 +35,8 @@ def is_bag(path: Path) -> bool:
 
 def kinds_in_bag(path: Path) -> tuple[bool, bool]:
     """Whether a bag has joint states, and whether it may have measured points. Raises RecordingError."""
-    kinds = [str(topic["type"]) for topic in _asked(path, only_topics=True)["topics"]]
-    return any(map(holds_joints, kinds)), any(map(may_have_points, kinds))
+    kinds = {str(topic["type"]) for topic in _asked(path, only_topics=True)["topics"]}
+    return JOINT_TYPE in kinds, any(map(may_have_points, kinds))
 
 
 def read_bag(path: Path) -> Recording:
@@ -45,17 +45,17 @@ def read_bag(path: Path) -> Recording:
     Raises RecordingError where the bag cannot be read.
     """
     answer = _asked(path, only_topics=False)
-    sets: defaultdict[str, list[tuple[tuple[str, ...], Array]]] = defaultdict(list)
+    sets: defaultdict[str, list[tuple[list[str], Array, Array]]] = defaultdict(list)
     for each in answer["joints"]:
-        sets[each["topic"]].append((tuple(each["names"]), _rows(each)))
-    joints = tuple(_joints(topic, of_topic) for topic, of_topic in sets.items())
-    points = tuple(_points(each) for each in answer["points"])
-    read = {each.source for each in joints} | {each.source for each in points}
+        sets[each["topic"]].append((each["names"], *_rows(each)))
+    points = [PointSeries(str(each["topic"]), str(each["label"]), *_rows(each)) for each in answer["points"]]
+    read = {*sets, *(each.source for each in points)}
     others = tuple(
         f"{visible(each['topic'])} ({visible(each['type'])}, {each['count']})"
         for each in answer["topics"]
         if each["topic"] not in read
     )
+    joints = tuple(_joints(topic, of_topic) for topic, of_topic in sets.items())
     return Recording(joints, tuple(each for each in points if _moves(each.xyz)), others)
 
 
@@ -79,33 +79,30 @@ def _asked(path: Path, *, only_topics: bool) -> Mapping[str, Any]:
     return dict(answer)
 
 
-def _rows(answer: Mapping[str, Any]) -> Array:
-    """Rows of numbers from their JSON form, after the time of their headers, or where one has none of their log."""
+def _rows(answer: Mapping[str, Any]) -> tuple[Array, Array]:
+    """Times (N,) and rows (N, d) of numbers, by the time of their headers, or where one has none of their log."""
     rows = answer["rows"]
     found = np.frombuffer(base64.b64decode(rows["data"]), dtype="<f8").reshape(rows["shape"])
-    time_s = found[:, 1] if np.isfinite(found[:, 1]).all() else found[:, 0]
-    return np.column_stack(in_order(time_s, found[:, 2:]))
+    time_s, values = in_order(found[:, 1] if np.isfinite(found[:, 1]).all() else found[:, 0], found[:, 2:])
+    return time_s, values
 
 
-def _joints(topic: str, sets: list[tuple[tuple[str, ...], Array]]) -> JointSeries:
+def _joints(topic: str, sets: list[tuple[list[str], Array, Array]]) -> JointSeries:
     """Joints of a topic: sets of joints that come in messages of their own are put beside each other."""
     sets.sort(key=lambda found: (-len(found[0]), -len(found[1])))
-    time_s = sets[0][1][:, 0]
-    columns: dict[str, Array] = {}
-    for names, rows in sets:
-        for k, name in enumerate((*names, *(f"effort {name}" for name in names)), start=1):
-            if name not in columns and len(rows) > 1:
-                columns[name] = np.interp(time_s, rows[:, 0], rows[:, k], left=np.nan, right=np.nan)
-    joints = {name: values for name, values in columns.items() if f"effort {name}" in columns}
-    efforts = {n: v for n, v in columns.items() if n not in joints and np.isfinite(v).any() and np.ptp(v) > 0.0}
+    time_s = sets[0][1]
+    joints: dict[str, Array] = {}
+    efforts: dict[str, Array] = {}
+    for names, own_s, rows in sets:
+        columns = (np.interp(time_s, own_s, column, left=np.nan, right=np.nan) for column in rows.T)
+        for k, (name, column) in enumerate(zip((*names, *names), columns, strict=True)):
+            if k < len(names):
+                joints.setdefault(name, column)
+            elif np.isfinite(column).any() and np.ptp(column) > 0.0:
+                efforts.setdefault(f"effort {name}", column)
     values = np.column_stack(list(joints.values()))
     unit = "rad" if np.nanmax(np.abs(values), initial=0.0) <= _MOST_RAD else ""  # some drivers write degrees
     return JointSeries(topic, time_s, tuple(joints), values, unit, efforts)
-
-
-def _points(answer: Mapping[str, Any]) -> PointSeries:
-    rows, topic, label = _rows(answer), str(answer["topic"]), str(answer["label"])
-    return PointSeries(topic, label, rows[:, 0], rows[:, 1:], "", is_own_pose(topic) or is_own_pose(label))
 
 
 def _moves(xyz: Array) -> bool:

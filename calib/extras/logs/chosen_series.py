@@ -17,14 +17,13 @@ from calib.extras.logs.series import JointSeries, PointSeries, Recording, Record
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
 
-_NAMED = 8  # topics or times that a sentence names
+_NAMED = 8  # topics that a sentence names
 _FEWEST_ROWS = 10
 _RARE = 0.1  # of the points seen most often
 
 
-def in_short(names: Sequence[str], most: int = _NAMED) -> str:
-    """Names as a list of a few, without hidden characters."""
-    return visible(", ".join(names[:most]))
+def _names(series: Sequence[PointSeries]) -> str:
+    return visible(", ".join(each.name for each in series[:_NAMED]))
 
 
 def shown(file: Path, seen: PointSeries) -> str:
@@ -35,7 +34,7 @@ def shown(file: Path, seen: PointSeries) -> str:
 def arm_joints(
     file: Path, read: Recording, topic: str, robot: Robot, mapping: Mapping[str, Meaning], notes: list[str]
 ) -> tuple[JointSeries, list[Column]]:
-    """Series with the arm's joints, and the column of each. Raises RecordingError."""
+    """Series of the arm's joints, in order, and the column of each. Raises RecordingError."""
     wanted = f"{robot.n_joints} joints are needed, {', '.join(joint.name for joint in robot.joints)}"
     if not read.joints:
         raise RecordingError(
@@ -46,27 +45,23 @@ def arm_joints(
     if not series:
         named = ", ".join(each.source for each in read.joints)
         raise RecordingError(f"{file}: no joint states in {topic!r}; there are {named}")
-    possible: list[tuple[JointSeries, list[Column]]] = []
+    possible: list[tuple[tuple[bool, int], JointSeries, list[Column]]] = []
     faults: list[str] = []
     for each in series:
-        of_names = {key: value for key, value in mapping.items() if "*" in key or key in each.names}
-        meant = recognise(each.names, robot, of_names)
-        found = [meant.columns.get(f"q{k + 1}") for k in range(robot.n_joints)]
+        meant = recognise(each.names, robot, {k: m for k, m in mapping.items() if "*" in k or k in each.names})
         faults += [f"{file}: {each.source}: {fault}" for fault in meant.faults]
-        if all(found):
-            possible.append((each, [column for column in found if column is not None]))
+        wanted_names = [f"q{k + 1}" for k in range(robot.n_joints)]
+        if set(wanted_names) <= set(meant.columns):
+            rank = not re.search(r"(^|/)joint_states$", each.source), each.source.count("/")
+            possible.append((rank, each, [meant.columns[name] for name in wanted_names]))
     if not possible:
         has = "; ".join(f"{each.source} has {', '.join(each.names[:20])}" for each in series)
         told = f"{file}: {wanted}; {has}; tell with --map {series[0].names[0]}=q1 ..."
         raise RecordingError(visible((*faults, told)[0]))
-
-    def likely(pair: tuple[JointSeries, list[Column]]) -> tuple[bool, int]:
-        return not re.search(r"(^|/)joint_states$", pair[0].source), pair[0].source.count("/")
-
-    possible.sort(key=lambda pair: (*likely(pair), -len(pair[0])))
-    chosen, columns = possible[0]
-    others = ", ".join(pair[0].source for pair in possible[1:])
-    if others and likely(possible[0]) == likely(possible[1]):
+    possible.sort(key=lambda found: (found[0], -len(found[1])))
+    rank, chosen, columns = possible[0]
+    others = ", ".join(each.source for _, each, _ in possible[1:])
+    if others and rank == possible[1][0]:
         raise RecordingError(
             f"{file}: several topics hold the joints, {chosen.source}, {others}; say which by --joints "
             f"{file}#{chosen.source}"
@@ -74,29 +69,31 @@ def arm_joints(
     if others:
         notes.append(f"{file}: joints are taken from {chosen.source}, not from {others}")
     places = [chosen.names.index(column.name) for column in columns]
-    kept = chosen.kept(np.asarray(np.isfinite(chosen.values[:, places]).all(axis=1)))
-    if len(kept) < _FEWEST_ROWS:
-        raise RecordingError(f"{file}: {chosen.source} has {len(kept)} rows with all joints; record the whole run")
+    kept = np.isfinite(chosen.values[:, places]).all(axis=1)
+    if kept.sum() < _FEWEST_ROWS:
+        raise RecordingError(f"{file}: {chosen.source} has {kept.sum()} rows with all joints; record the whole run")
     unused = [name for k, name in enumerate(chosen.names) if k not in places]
     if unused and is_bag(file):
-        notes.append(f"{file}: other joints are left out: {in_short(unused)}")
+        notes.append(f"{file}: other joints are left out: {visible(', '.join(unused[:_NAMED]))}")
     if read.others:
         notes.append(f"{file}: not read: {visible(numbers.in_short(read.others, _NAMED))}")
     told_units = [
         replace(column, unit=column.unit or (chosen.unit and ("m", chosen.unit)[joint.is_revolute]))
         for column, joint in zip(columns, robot.joints, strict=True)
     ]
-    return replace(kept, names=tuple(column.name for column in columns), values=kept.values[:, places]), told_units
+    return JointSeries(
+        chosen.source, chosen.time_s[kept], tuple(column.name for column in columns), chosen.values[kept][:, places],
+        chosen.unit, {name: values[kept] for name, values in chosen.conditions.items()},
+    ), told_units  # fmt: skip
 
 
 def measured_points(file: Path, read: Recording, wanted: str, notes: list[str], doubts: list[str]) -> list[PointSeries]:
     """Series of the measured point, several only where they are the robot's own targets. Raises RecordingError."""
-    own = [each.name for each in read.points if each.is_controllers_own]
+    own = [each for each in read.points if each.is_controllers_own]
     if wanted:
         chosen = [each for each in read.points if wanted in (each.name, each.source, each.label)]
         if not chosen:
-            named = ", ".join(each.name for each in read.points) or "none"
-            raise RecordingError(f"{file}: no points in {wanted!r}; there are {named}")
+            raise RecordingError(f"{file}: no points in {wanted!r}; there are {_names(read.points) or 'none'}")
         if any(each.is_controllers_own for each in chosen):
             doubts.append(
                 f"{file}: {wanted} is named as a pose that the controller computes; it is used as measured, as asked"
@@ -105,11 +102,11 @@ def measured_points(file: Path, read: Recording, wanted: str, notes: list[str], 
         chosen = [each for each in read.points if not each.is_controllers_own]
         if own and not chosen:
             raise RecordingError(
-                f"{file}: holds no measured points, only poses that are named as the controller's own, "
-                f"{in_short(own)}; give the points by --points FILE, or one of these by --points {file}#{own[0]}"
+                f"{file}: holds no measured points, only poses that are named as the controller's own, {_names(own)}; "
+                f"give the points by --points FILE, or one of these by --points {file}#{own[0].name}"
             )
         if own:
-            notes.append(f"{file}: poses of the controller itself measure nothing and are left out: {in_short(own)}")
+            notes.append(f"{file}: poses of the controller itself measure nothing and are left out: {_names(own)}")
     if not chosen:
         raise RecordingError(
             f"{file}: holds no measured points (PointStamped, PoseStamped, TransformStamped, tf2_msgs/TFMessage, "
@@ -117,35 +114,33 @@ def measured_points(file: Path, read: Recording, wanted: str, notes: list[str], 
             f"{_holds(read) or 'nothing else'}; give them by --points FILE"
         )
 
-    def without(chosen: list[PointSeries], left_out: Sequence[PointSeries], why: str) -> list[PointSeries]:
+    def parted(chosen: list[PointSeries], least: Sequence[bool], why: str) -> list[PointSeries]:
+        left_out = [each for each, is_kept in zip(chosen, least, strict=True) if not is_kept]
         if left_out:
-            notes.append(f"{file}: points that {why} are left out: {in_short([each.name for each in left_out])}")
-        return [each for each in chosen if each not in left_out]
+            notes.append(f"{file}: points that {why} are left out: {_names(left_out)}")
+        return [each for each, is_kept in zip(chosen, least, strict=True) if is_kept]
 
-    widest = max(spread_of(each.xyz) for each in chosen)
-    static = [each for each in chosen if spread_of(each.xyz) < STANDS_STILL * widest]
-    chosen = without(chosen, static, "stand still")
+    spreads = [spread_of(each.xyz) for each in chosen]
+    chosen = parted(chosen, [spread >= STANDS_STILL * max(spreads) for spread in spreads], "stand still")
     sources = list(dict.fromkeys(each.source for each in chosen))
-    stems = {source: re.escape(source.removesuffix(" Position")) for source in sources}
-    body = next((s for s, stem in stems.items() if all(re.match(rf"{stem}\b", each) for each in sources)), None)
+    bodies = (s for s in sources if all(re.match(rf"{re.escape(s.removesuffix(' Position'))}\b", t) for t in sources))
+    body = next(bodies, None)
     if len(sources) > 1 and body is not None:  # a rigid body of motion capture before its own markers
-        others = [source for source in sources if source != body]
-        notes.append(f"{file}: the point is {visible(body)}; its markers are left out: {visible(', '.join(others))}")
-        chosen = [each for each in chosen if each.source == body]
+        chosen = parted(chosen, [each.source == body for each in chosen], f"are markers of {visible(body)}")
     elif len({kind_of_marker(source) for source in sources}) > 1:
         raise RecordingError(
-            f"{file}: several sources of points, {in_short(sources)}; say which by --points '{file}#{sources[0]}'"
+            f"{file}: several sources of points, {visible(', '.join(sources[:_NAMED]))}; say which by --points "
+            f"'{file}#{sources[0]}'"
         )
-    chosen.sort(key=lambda each: -len(each))
-    chosen = without(chosen, [each for each in chosen if len(each) < _RARE * len(chosen[0])], "were seldom seen")
+    chosen.sort(key=len, reverse=True)
+    chosen = parted(chosen, [len(each) >= _RARE * len(chosen[0]) for each in chosen], "were seldom seen")
     if len(chosen) > 1:
         notes.append(
-            f"{file}: {len(chosen)} points are measured, {in_short([each.name for each in chosen])}; "
-            f"one alone by --points '{file}#{chosen[0].name}'"
+            f"{file}: {len(chosen)} points are measured, {_names(chosen)}; one alone by --points "
+            f"'{file}#{chosen[0].name}'"
         )
-        source = "" if len(sources) > 1 else chosen[0].source
-        labels = zip(chosen, _labels(chosen), strict=True)
-        chosen = [replace(each, source=source, label=label) for each, label in labels]
+        labels, source = _labels(chosen), "" if len(sources) > 1 else chosen[0].source
+        chosen = [replace(each, source=source, label=label) for each, label in zip(chosen, labels, strict=True)]
     return [_kept(file, each, notes) for each in chosen]
 
 
@@ -170,4 +165,4 @@ def _kept(file: Path, seen: PointSeries, notes: list[str]) -> PointSeries:
 
 
 def _holds(read: Recording) -> str:
-    return in_short([*(each.name or "x, y, z" for each in read.points), *read.others], 2 * _NAMED)
+    return visible(", ".join([*(each.name or "x, y, z" for each in read.points), *read.others][: 2 * _NAMED]))

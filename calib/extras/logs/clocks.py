@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import correlate, correlation_lags, find_peaks
 
 from calib.array_types import Array
 from calib.extras.logs.series import RecordingError
@@ -25,21 +25,22 @@ _APART_S = 0.6  # of two lags that are not one
 _LEAST_OVERLAP = 0.5  # of the shorter recording
 _MOST_RIVALS = 6
 _TRAVELS = 4  # at least, for a sigma
+_DRIFTS = 5.0  # its own sigmas, from which a drift is told
 
 
 @dataclass(frozen=True)
 class ClockOffset:
     """Time of the points' clock less that of the joints'."""
 
-    offset_s: float
-    sigma_s: float
-    correlation: float
+    offset_s: float = 0.0
+    sigma_s: float = 0.0
+    correlation: float = 1.0
     drift: float = 0.0  # s/s, by the travels; 0 where they tell none
     travels: int = 0
 
 
 def possible_offsets(
-    joint_s: Array, path_mm: Array, point_s: Array, points: Array, most_s: float | None = None
+    joint_s: Array, path_mm: Array, point_s: Array, points: Array, most_s: float = np.inf
 ) -> list[tuple[float, float]]:
     """Lags, s, at which the speeds of tool and point agree, with their correlations, the best first.
 
@@ -48,43 +49,26 @@ def possible_offsets(
         path_mm: (N, 3) the nominal tool at these times.
         point_s: (M,) times of the points, by their own clock.
         points: (M, 3) in any unit.
-        most_s: largest lag; None for any, as of clocks that count from different days.
+        most_s: largest lag; inf for any, as of clocks that count from different days.
     """
     mine, seen = speeds(joint_s, path_mm), speeds(point_s, points)
-    n = next_fast_len(len(mine) + len(seen))
-    here, there = np.ones(len(mine)), np.ones(len(seen))
-    a, b = mine - mine.mean(), seen - seen.mean()
-
-    def correlated(x: Array, y: Array) -> Array:
-        return np.asarray(irfft(np.conj(rfft(x, n)) * rfft(y, n), n))
-
-    overlap = correlated(here, there)
-    norm = np.sqrt(np.maximum(correlated(a**2, there) * correlated(here, b**2), 1e-300))
+    here, there, a, b = np.ones(len(mine)), np.ones(len(seen)), mine - mine.mean(), seen - seen.mean()
+    overlap = correlate(there, here, method="fft")
+    norm = correlate(there, a**2, method="fft") * correlate(b**2, here, method="fft")
+    quality = correlate(b, a, method="fft") / np.sqrt(np.maximum(norm, 1e-300))
+    lags = correlation_lags(len(seen), len(mine)) * STEP_S + (point_s[0] - joint_s[0])
     enough = overlap >= max(_LEAST_OVERLAP * min(len(mine), len(seen)), 3.0 / STEP_S)
-    quality = np.where(enough, correlated(a, b) / norm, -1.0)
-    lags = np.arange(n)
-    lags = np.where(lags >= len(seen), lags - n, lags) * STEP_S + (point_s[0] - joint_s[0])
-    if most_s is not None:
-        quality = np.where(np.abs(lags) <= most_s, quality, -1.0)
-    out: list[tuple[float, float]] = []
-    for _ in range(_MOST_RIVALS):
-        best = int(np.argmax(quality))
-        if quality[best] < _LEAST_CORRELATION or (out and quality[best] < _RIVAL * out[0][1]):
-            break
-        out.append((float(lags[best]), float(quality[best])))
-        quality = np.where(np.abs(lags - lags[best]) < _APART_S, -1.0, quality)
-    return out
+    quality = np.where(enough & (np.abs(lags) <= most_s), quality, -1.0)
+    peaks = find_peaks(quality, height=_LEAST_CORRELATION, distance=round(_APART_S / STEP_S))[0]
+    best = peaks[np.argsort(-quality[peaks])][:_MOST_RIVALS]
+    return [(float(lags[k]), float(quality[k])) for k in best if quality[k] >= _RIVAL * quality[best[0]]]
 
 
 def speeds(time_s: Array, places: Array) -> Array:
     """Smoothed speeds on a grid of `STEP_S` from the first time on."""
-    return np.linalg.norm(_velocity(time_s, places), axis=1)
-
-
-def _velocity(time_s: Array, places: Array) -> Array:
     grid = np.arange(time_s[0], time_s[-1], STEP_S)
-    on_grid = np.column_stack([np.interp(grid, time_s, places[:, k]) for k in range(places.shape[1])])
-    return np.asarray(gaussian_filter1d(on_grid, _SMOOTH_S / STEP_S, axis=0, order=1))
+    on_grid = np.column_stack([np.interp(grid, time_s, axis) for axis in places.T])
+    return np.linalg.norm(gaussian_filter1d(on_grid, _SMOOTH_S / STEP_S, axis=0, order=1), axis=1)
 
 
 def refined(
@@ -95,40 +79,32 @@ def refined(
     spans  # (K, 2) begin and end of each travel, s, by the joints' clock
     """
     mine, seen = speeds(joint_s, path_mm), speeds(point_s, points)
-    at, shift = np.arange(len(seen)) * STEP_S + point_s[0], rough[0]
-    found, middles = np.zeros(0), np.zeros(0)
+    here, at, shift = np.arange(len(mine)) * STEP_S + joint_s[0], np.arange(len(seen)) * STEP_S + point_s[0], rough[0]
+    slopes, found = np.gradient(seen, STEP_S), np.zeros((0, 2))
+    travels = [np.flatnonzero((here >= begin) & (here < end)) for begin, end in spans]
     for _ in range(3):
-        shifts, middle = [], []
-        for begin, end in spans:
-            rows = np.arange(
-                max(0, int((begin - joint_s[0]) / STEP_S)), min(len(mine), int((end - joint_s[0]) / STEP_S))
-            )
-            times = joint_s[0] + rows * STEP_S + shift
-            if len(rows) < 10 or times[0] < at[0] or times[-1] > at[-1]:
-                continue
-            there = np.interp(times, at, seen)
-            slope = np.gradient(there, STEP_S)
-            (scale, moved), *_ = np.linalg.lstsq(np.column_stack([there, slope]), mine[rows], rcond=None)
-            if scale > 0.0 and abs(moved / scale) < 0.5:
-                shifts.append(moved / scale)
-                middle.append(0.5 * (begin + end))
-        if not shifts:
+        told = []
+        for rows in (rows for rows in travels if len(rows) >= 10):
+            times = here[rows] + shift
+            if at[0] <= times[0] and times[-1] <= at[-1]:
+                there = np.column_stack([np.interp(times, at, seen), np.interp(times, at, slopes)])
+                scale, moved = np.linalg.lstsq(there, mine[rows], rcond=None)[0]
+                if scale > 0.0 and abs(moved) < 0.5 * scale:
+                    told.append((here[rows].mean(), moved / scale))
+        if not told:
             break
-        found, middles = np.array(shifts), np.array(middle)
-        shift += float(np.median(found))
+        found = np.array(told)
+        shift += float(np.median(found[:, 1]))
     if len(found) < _TRAVELS:
-        return ClockOffset(shift, STEP_S, rough[1], 0.0, len(found))
-    left = found - np.median(found)
+        return ClockOffset(shift, STEP_S, rough[1], travels=len(found))
+    left = found[:, 1] - np.median(found[:, 1])
     spread = max(mad_sigma(left), 1e-6)
-    near = np.abs(left) <= 4.0 * spread
+    when, near = found[np.abs(left) <= 4.0 * spread].T
     drift = 0.0
-    if near.sum() >= 6 and np.ptp(middles[near]) > 0.0:
-        when = middles[near] - middles[near].mean()
-        slope = float(when @ left[near] / (when @ when))
-        off = left[near] - left[near].mean() - slope * when
-        sigma = float(np.sqrt(off @ off / (len(off) - 2) / (when @ when)))
-        drift = slope if abs(slope) > 5.0 * sigma else 0.0
-    return ClockOffset(shift, 1.2533 * spread / float(np.sqrt(near.sum())), rough[1], drift, int(near.sum()))
+    if len(near) >= 6 and np.ptp(when) > 0.0:
+        (slope, _), covariance = np.polyfit(when - when.mean(), near, 1, cov=True)
+        drift = float(slope) if abs(slope) > _DRIFTS * np.sqrt(covariance[0, 0]) else 0.0
+    return ClockOffset(shift, 1.2533 * spread / float(np.sqrt(len(near))), rough[1], drift, len(near))
 
 
 def settled_offset(
@@ -144,17 +120,13 @@ def settled_offset(
             f"{points}: its motion is not that of {joints}: at no offset of the clocks do they move at the same times; "
             "give recordings of one run"
         )
-    if len(possible) == 1:
-        return possible[0]
-    misfits = [misfit(offset) for offset, _ in possible]
-    order = np.argsort(misfits)
-    if np.isfinite(misfits[order[0]]) and misfits[order[1]] > 5.0 * misfits[order[0]]:
-        return possible[int(order[0])]
+    ranked = sorted((misfit(each[0]), each) for each in possible) if len(possible) > 1 else [(0.0, possible[0])]
+    if len(ranked) == 1 or (np.isfinite(ranked[0][0]) and ranked[1][0] > 5.0 * ranked[0][0]):
+        return ranked[0][1]
     several = " or ".join(f"{offset:.3f} s" for offset, _ in possible[:3])
     raise RecordingError(
         f"{points}: the offset of its clock to that of {joints} is ambiguous: {several} fit alike, as the motions "
-        f"repeat; "
-        "record both with one clock, or begin with a motion that comes once"
+        "repeat; record both with one clock, or begin with a motion that comes once"
     )
 
 
@@ -165,27 +137,23 @@ def offset_of_single_points(names: tuple[str, str], starts_s: Array, ends_s: Arr
     """
     joints, points = names
     edges = np.concatenate([np.subtract.outer(point_s, ends_s).ravel(), np.subtract.outer(point_s, starts_s).ravel()])
-    steps = np.concatenate([np.ones(edges.size // 2), -np.ones(edges.size // 2)])
+    steps = np.repeat([1.0, -1.0], edges.size // 2)
     order = np.lexsort((-steps, edges))
     depth = np.cumsum(steps[order])
     best = depth.max(initial=0.0)
     if best < 0.8 * len(point_s):
         raise RecordingError(
             f"{points}: of its {len(point_s)} points at most {best:.0f} were taken while {joints} stands, at any "
-            f"offset "
-            "of the clocks; give recordings of one run"
+            "offset of the clocks; give recordings of one run"
         )
-    tops = np.flatnonzero(depth >= best - 0.5)
-    ranges = [(float(edges[order[k]]), float(edges[order[k + 1]])) for k in tops if k + 1 < len(edges)]
-    low, high = ranges[0][0], ranges[-1][1]
-    around = next(((a, b) for a, b in ranges if a <= 0.0 <= b), None)
-    if around is not None:  # one clock explains it
-        return ClockOffset(0.0, 0.0, 1.0)
-    shortest = float(np.min(ends_s - starts_s))
-    if high - low > max(2.0 * shortest, 2.0):
+    tops = np.flatnonzero(depth[:-1] >= best - 0.5)
+    lows, highs = edges[order[tops]], edges[order[tops + 1]]
+    if np.any((lows <= 0.0) & (highs >= 0.0)):  # one clock explains it
+        return ClockOffset()
+    low, high = float(lows[0]), float(highs[-1])
+    if high - low > max(2.0 * float(np.min(ends_s - starts_s)), 2.0):
         raise RecordingError(
             f"{points}: the offset of its clock to that of {joints} is ambiguous, anything from {low:.2f} to "
-            f"{high:.2f} s "
-            "puts its points into phases; record both with one clock"
+            f"{high:.2f} s puts its points into phases; record both with one clock"
         )
-    return ClockOffset(0.5 * (low + high), (high - low) / float(np.sqrt(12.0)), 1.0)
+    return ClockOffset(0.5 * (low + high), (high - low) / float(np.sqrt(12.0)))

@@ -21,10 +21,11 @@ _TIMES = ("time", "timestamp", "t", "stamp", "times", "zeit", "zeitstempel", "ro
           "robottime", "elapsedtime", "logtime", "clock", "fieldheaderstamp", "uptime", "temps", "tiempo",
           "tempo", "duration", "ipoc", "时间", "时间戳")  # fmt: skip
 _UNIT = re.compile(r"(?P<name>.+?)(?:[\s_.]*[\[(]\s*|[\s_.]+)(?P<unit>ns|us|µs|ms|s|sec|seconds|nanosec|min)\s*[\])]?")
-_SCALES = {"ns": 1e-9, "nanosec": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "seconds": 1.0,
-           "min": 60.0}  # fmt: skip
-_EPOCHS = ((1e8, 1e10, 1.0), (1e11, 1e13, 1e-3), (1e14, 1e16, 1e-6), (1e17, 1e19, 1e-9))  # since 1970, by its size
+_SCALES = {"ns": 1e-9, "nanosec": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "min": 60.0}
+_EPOCHS = ((1e11, 1e13, 1e-3), (1e14, 1e16, 1e-6), (1e17, 1e19, 1e-9))  # since 1970, by its size; less is in seconds
+_SECONDS = re.compile(r"(?P<before>|.*[^A-Za-z0-9])secs?")
 _NANO = ("nanosec", "nsec", "nsecs")
+_EPOCH = 1e8  # seconds, from which a clock counts from 1970
 _COUNTED = 2000  # whole units of a clock that steps evenly, from which they are milliseconds
 
 
@@ -58,8 +59,7 @@ def has_fast_rows(log: Log, mapping: Mapping[str, Meaning]) -> bool:
     if time is None or any(name in mapping and mapping[name].name == "ignore" for name in time[1]):
         return False
     steps = np.diff(time[0][np.isfinite(time[0])])
-    forward = steps[steps > 0.0]
-    return len(forward) > 0 and float(np.median(forward)) <= _SLOWEST_S
+    return bool((steps > 0.0).any() and np.median(steps[steps > 0.0]) <= _SLOWEST_S)
 
 
 def seconds_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str, ...], tuple[str, ...]] | None:
@@ -68,27 +68,24 @@ def seconds_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[s
     if time is None:
         return None
     time_s, names = time
-    resets = np.flatnonzero(np.diff(time_s) < -1.0)
-    shift = np.zeros(len(time_s))
-    for k in resets:
-        shift[k + 1 :] += time_s[k] - time_s[k + 1] + 1.0
-    told = f"{log.path}: its time begins anew {len(resets)} times; the parts are read one behind the other"
-    return time_s + shift, names, (told,) if len(resets) else ()
+    steps = np.diff(time_s, prepend=time_s[:1])
+    resets = steps < -1.0
+    told = f"{log.path}: its time begins anew {resets.sum()} times; the parts are read one behind the other"
+    return time_s + np.cumsum(np.where(resets, 1.0 - steps, 0.0)), names, (told,) if resets.any() else ()
 
 
 def time_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str, ...]] | None:
     """Times (N,), s, with the columns that hold them; None where there are none. Raises RecordingError."""
-    told = next((name for name in log.columns if name in mapping and mapping[name].name == "time_s"), None)
-    if told is not None:
-        return _in_seconds(log, told, mapping[told].unit or _split(told)[1]), (told,)
     for name in log.columns:
-        stem = re.fullmatch(r"(|.*[^A-Za-z0-9])secs?", name)
-        beside = next((f"{stem[1]}{end}" for end in _NANO if stem and f"{stem[1]}{end}" in log.columns), None)
-        if beside is not None:
-            return log.numbers(name) + 1e-9 * log.numbers(beside), (name, beside)
-    ranked = sorted((rank, k) for k, name in enumerate(log.columns) if (rank := _rank(log, name)) is not None)
-    if ranked:
-        name = log.columns[ranked[0][1]]
+        if name in mapping and mapping[name].name == "time_s":
+            return _in_seconds(log, name, mapping[name].unit or _split(name)[1]), (name,)
+    for name in log.columns:
+        stem = _SECONDS.fullmatch(name)
+        beside = [f"{stem['before']}{end}" for end in _NANO if f"{stem['before']}{end}" in log.columns] if stem else []
+        if beside:
+            return log.numbers(name) + 1e-9 * log.numbers(beside[0]), (name, beside[0])
+    name = min(log.columns, key=lambda each: _rank(log, each))
+    if np.isfinite(_rank(log, name)):
         base, unit = _split(name)
         return _in_seconds(log, name, "ms" if plain(base) == "ipoc" else unit), (name,)
     if not log.rate_hz:
@@ -98,8 +95,8 @@ def time_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str,
     return frames / log.rate_hz, () if frame is None else (frame,)
 
 
-def _rank(log: Log, name: str) -> int | None:
-    """How unlikely a column is the time of the rows, by its name; None where it is none."""
+def _rank(log: Log, name: str) -> float:
+    """How unlikely a column is the time of the rows, by its name; inf where it is none."""
     word = plain(_split(name)[0])
     if word in _TIMES:
         return _TIMES.index(word)
@@ -109,7 +106,7 @@ def _rank(log: Log, name: str) -> int | None:
         steps = np.diff(log.numbers(name))
         if len(steps) and (steps >= 0.0).all() and steps.any():  # as a clock goes on
             return len(_TIMES) + 1
-    return None
+    return np.inf
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -128,19 +125,18 @@ def _in_seconds(log: Log, name: str, unit: str) -> Array:
         if dates.isna().all():
             raise RecordingError(f"{log.path}: column {name}: found {cells.iloc[0][:40]!r}; a time is needed")
         return Log(log.path, dates.to_frame(name)).numbers(name)
-    if unit:
-        return values * _SCALES[unit]
-    if _counts_milliseconds(values):
-        return values * 1e-3
     largest = float(np.nanmax(np.abs(values)))
-    return values * next((scale for low, high, scale in _EPOCHS if low < largest < high), 1.0)
+    if not unit:
+        by_size = (scale for low, high, scale in _EPOCHS if low < largest < high)
+        return values * (1e-3 if _counts_milliseconds(values) else next(by_size, 1.0))
+    return values * _SCALES.get(unit, 1.0)
 
 
 def _counts_milliseconds(values: Array) -> bool:
     """Whether a clock without a unit counts milliseconds: it goes on evenly in whole numbers for long."""
     known = values[np.isfinite(values)]
-    if known.max() >= _EPOCHS[0][0] or len(known) < 2 or known[-1] - known[0] < _COUNTED:
-        return False
     steps = np.diff(known)
-    usual = float(np.median(steps))
+    if known.max() >= _EPOCH or not len(steps) or steps.sum() < _COUNTED:
+        return False
+    usual = np.median(steps)
     return bool((known == np.round(known)).all() and np.mean(steps == usual) > 0.9 and usual >= 1.0)

@@ -13,6 +13,6 @@ CONTRIBUTIONS = (
         judged=f"{_HERE}.import_source:judged",
         describe=f"{_HERE}.table_logs:describe_table",
         reads=f"{_HERE}.recorded_stops:is_recording",
-        tables=f"{_HERE}.import_source:with_recorded_poses",
+        tables=f"{_HERE}.recorded_stops:with_recorded_poses",
     ),
 )

@@ -15,8 +15,10 @@ from calib.errors import DatasetError
 BAGS = (".bag", ".mcap", ".db3")
 PARQUET = ".parquet"
 JSON_LINES = (".jsonl", ".ndjson")
-_OWN_WORDS = ("tcp", "ee", "eef", "end_effector", "endeffector", "cartesian", "flange", "target_pose", "goal",
-              "desired", "command", "cmd", "setpoint", "reference", "tool0", "fk", "odom")  # fmt: skip
+_OWN = re.compile(
+    r"end_effector|target_pose|(?<![^/. _])(tcp|ee|eef|endeffector|cartesian|flange|goal|desired|command|cmd|setpoint"
+    r"|reference|tool0|fk|odom)(?![^/. _])"
+)
 _HELD = 5.0  # times as many rows with one value as are usual
 _FILES = (*BAGS, PARQUET, *JSON_LINES, ".csv", ".tsv", ".txt", ".dat", ".json")
 
@@ -35,11 +37,6 @@ class JointSeries:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def kept(self, rows: BoolArray) -> JointSeries:
-        """The series at some of its rows (N,)."""
-        conditions = {name: values[rows] for name, values in self.conditions.items()}
-        return JointSeries(self.source, self.time_s[rows], self.names, self.values[rows], self.unit, conditions)
-
 
 @dataclass(frozen=True)
 class PointSeries:
@@ -50,7 +47,6 @@ class PointSeries:
     time_s: Array  # (N,) ascending
     xyz: Array  # (N, 3) in the log's unit
     unit: str = ""  # "" where the points' spread has to tell
-    is_controllers_own: bool = False  # a pose that the controller computes from its joints, which measures nothing
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -59,6 +55,11 @@ class PointSeries:
     def name(self) -> str:
         """Source and label, as the user names them behind the file's `#`."""
         return ":".join(part for part in (self.source, self.label) if part)
+
+    @property
+    def is_controllers_own(self) -> bool:
+        """Whether it is named as a pose that the controller computes or is commanded, which measures nothing."""
+        return _OWN.search(f"{self.source} {self.label}".lower().replace("-", "_")) is not None
 
 
 @dataclass(frozen=True)
@@ -100,13 +101,6 @@ def lost_rows(xyz: Array) -> BoolArray:
     lost = np.repeat(held, lengths)
     lost[starts] = False  # the first was measured
     return np.asarray(lost | (xyz == 0.0).all(axis=1))
-
-
-def is_own_pose(name: str) -> bool:
-    """Whether a topic or column group is named as a pose that the controller computes or is commanded."""
-    words = name.lower().replace("-", "_")
-    parts = set(re.split(r"[/. _]", words))
-    return any(word in parts or ("_" in word and word in words) for word in _OWN_WORDS)
 
 
 class RecordingError(DatasetError):

@@ -2,7 +2,8 @@
 
 The range of each joint in a sliding window is small where the arm stands (noise, quantisation) and large where it
 moves; the logarithms of both form two groups, between which Otsu's threshold lies. Source: N. Otsu, "A threshold
-selection method from gray-level histograms", IEEE Trans. SMC 9 (1979).
+selection method from gray-level histograms", IEEE Trans. SMC 9 (1979). A small move between two stops is a peak of the
+speed within such a span, a creep before a stop is none: the speed only falls there.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
+from scipy.signal import find_peaks
 
 from calib.array_types import Array, BoolArray
 from calib.extras.logs.series import RecordingError
@@ -23,28 +25,23 @@ _FLOOR = 1e-4  # of a joint's whole range, below which a motion is none
 _MOST_STILL = 0.01  # of a joint's whole range in a window, above which nothing stands
 _MOVES = 20.0  # ranges in a window that a joint's whole range has at least, where it moves
 _APART = 5.0  # ratio of the ranges in motion and at rest
-_EDGE_SIGMAS = 4.0  # from a phase's median, within which its ends have to be
+_EDGE_SIGMAS = 4.0  # from where a phase stands, within which its ends have to be
 _CALM_SIGMAS = 3.0  # by which smoothed joints may wander in one stop
 _CALM_STEPS = 1.5  # the same of a rounded log, in units of its last digit
-_MOST_TRIED = 1000  # places of a phase at which a stop may begin
+_REACH_S = 0.35
+_MOVED = 0.7  # ways in that time, in units of these, by which the fastest of a move stands out of its stops
+_MOVED_USUAL = 4.0  # the same in units of those that are usual at rest
+_MOST_CREEP = 8.0  # way in that time of a stop that never settles
 _LEAST_RANGE = 1e-6  # of a joint's whole range, its noise at least
 _STEP_SIGMA = 0.29  # of a rounded number, standard deviation in units of its last digit
 _GAP = 20.0  # time steps without a sample that end a phase
 
 
 @dataclass(frozen=True)
-class Phase:
-    """A span in which the arm stands: rows first to last of the recording, both included."""
-
-    first: int
-    last: int
-
-
-@dataclass(frozen=True)
 class Standstill:
-    """Standing phases of a recording, with the largest speed that counts as standing."""
+    """Standing phases of a recording, as slices of its rows, with the largest motion that counts as standing."""
 
-    phases: tuple[Phase, ...]
+    phases: tuple[slice, ...]
     threshold: float  # range of a joint in the window, as a share of its whole range
     window_s: float
     brief: int  # spans that were too short
@@ -61,39 +58,46 @@ def standstill_of(source: str, time_s: Array, values: Array) -> Standstill:
     Raises:
         RecordingError: the joints never move, or never stand.
     """
-    whole = np.ptp(values, axis=0)
+    whole, seconds = np.ptp(values, axis=0), f"{time_s[-1] - time_s[0]:.4g} s"
     step_s = float(np.median(np.diff(time_s)))
     width = max(3, round(_WINDOW_S / step_s) | 1)
-    ranges = maximum_filter1d(values, width, axis=0) - minimum_filter1d(values, width, axis=0)
+    ranges = _ranges(values, width)
     moving = (whole > 0.0) & (whole > _MOVES * np.quantile(ranges, 0.05, axis=0))
     if not moving.any():
-        raise RecordingError(f"{source}: no joint moves in these {time_s[-1] - time_s[0]:.4g} s; record stops at poses")
+        raise RecordingError(f"{source}: no joint moves in these {seconds}; record stops at poses")
     share = np.maximum((ranges[:, moving] / whole[moving]).max(axis=1), _FLOOR)
     threshold = _otsu(np.log10(share))
-    rest, motion = share[share <= threshold], share[share > threshold]
-    found_none = (
+    threshold = threshold if threshold <= _MOST_STILL else _MOST_STILL / 3.0
+    still = share <= threshold
+    found_none = RecordingError(
         f"{source}: the arm does not stand still: no phase of {LEAST_S:g} s in which the joints rest was found in "
-        f"{time_s[-1] - time_s[0]:.4g} s; let the arm stop at each pose while it is measured"
+        f"{seconds}; let the arm stop at each pose while it is measured"
     )
-    if not len(rest) or not len(motion) or threshold > _MOST_STILL:
-        threshold = _MOST_STILL / 3.0
-        rest, motion = share[share <= threshold], share[share > threshold]
-        if not len(rest) or not len(motion):
-            raise RecordingError(found_none)
-    if float(np.median(motion)) < _APART * float(np.median(rest)):
-        raise RecordingError(found_none)
-    spans = _spans(share <= threshold, time_s, _GAP * step_s)
-    least_step = _least_step(values)
+    if still.all() or not still.any() or np.median(share[~still]) < _APART * np.median(share[still]):
+        raise found_none
+    spans = _spans(still, time_s, _GAP * step_s)
+    steps = np.abs(np.diff(values, axis=0))
+    digit = np.min(np.where(steps > 0.0, steps, np.inf), axis=0)
+    digit[np.isinf(digit)] = 0.0
     jitter = _noise(np.diff(values, axis=0), spans) / np.sqrt(2.0)  # whatever places a span holds
-    calm = np.maximum(_FLOOR * whole, np.maximum(_CALM_SIGMAS * jitter, _CALM_STEPS * least_step))
-    parts = [part for span in spans for part in _parted(values, span, calm, width, step_s)]
-    noise = np.maximum(_noise(values, parts), _LEAST_RANGE * np.maximum(whole, 1e-300))
-    noise = np.maximum(noise, _STEP_SIGMA * least_step)
-    found = [trimmed(values, phase, noise) for phase in _joined(values, parts, noise, calm)]
-    long = [each for each in found if each is not None and _is_long(each, time_s)]
-    if not long:
-        raise RecordingError(found_none)
-    return Standstill(tuple(long), threshold, width * step_s, len(found) - len(long))
+    calm = np.maximum(_FLOOR * whole, np.maximum(_CALM_SIGMAS * jitter, _CALM_STEPS * digit))
+    reach = max(2, round(_REACH_S / step_s))
+    parts = _parted(values, spans, calm, width, reach)
+    least = np.maximum(_LEAST_RANGE * np.maximum(whole, 1e-300), _STEP_SIGMA * digit)
+    calmest = [_calmest(values, part, np.maximum(jitter, least)) for part in parts]
+    noise = np.maximum(_noise(values, calmest), least)
+    parts = _joined(values, parts, noise, calm)
+    long = [part for part in parts if time_s[part.stop - 1] - time_s[part.start] >= LEAST_S - 1e-9]
+    found = [settled(values, part, noise) for part in long]
+    phases = tuple(phase for phase in found if phase is not None)
+    if not phases:
+        raise found_none
+    return Standstill(phases, threshold, width * step_s, len(parts) - len(long))
+
+
+def _ranges(values: Array, width: int) -> Array:
+    """Range (N, n) of values (N, n) in a window about each row."""
+    return np.asarray(maximum_filter1d(values, width, axis=0) - minimum_filter1d(values, width, axis=0))
 
 
 def _otsu(values: Array) -> float:
@@ -103,106 +107,90 @@ def _otsu(values: Array) -> float:
     below = np.cumsum(counts)
     above = below[-1] - below
     sums = np.cumsum(counts * centres)
-    mean_below = sums / np.maximum(below, 1)
-    mean_above = (sums[-1] - sums) / np.maximum(above, 1)
-    between = below * above * (mean_below - mean_above) ** 2
+    between = below * above * (sums / np.maximum(below, 1) - (sums[-1] - sums) / np.maximum(above, 1)) ** 2
     best = np.flatnonzero(between >= between.max() * (1.0 - 1e-9))
     return float(10.0 ** edges[1:][best].mean())
 
 
-def _spans(still: BoolArray, time_s: Array, gap_s: float) -> list[Phase]:
+def _spans(still: BoolArray, time_s: Array, gap_s: float) -> list[slice]:
     """Runs of still samples, ended by motion or by a gap in time."""
     rows = np.flatnonzero(still)
-    if not len(rows):
-        return []
-    ends = np.flatnonzero((np.diff(rows) > 1) | (np.diff(time_s[rows]) > gap_s))
-    starts = [0, *(ends + 1)]
-    return [Phase(int(rows[a]), int(rows[b])) for a, b in zip(starts, [*ends, len(rows) - 1], strict=True)]
+    runs = np.split(rows, np.flatnonzero((np.diff(rows) > 1) | (np.diff(time_s[rows]) > gap_s)) + 1)
+    return [slice(int(run[0]), int(run[-1]) + 1) for run in runs]
 
 
-def _noise(values: Array, spans: list[Phase]) -> Array:
+def _noise(values: Array, spans: list[slice]) -> Array:
     """Noise (n,) of the joints at rest: the median over the phases of their standard deviation by the median."""
-    each = [mad_sigmas(values[span.first : span.last + 1]) for span in spans if span.last - span.first >= LEAST_SAMPLES]
+    each = [mad_sigmas(values[span]) for span in spans if span.stop - span.start >= LEAST_SAMPLES]
     return np.median(each, axis=0) if each else np.zeros(values.shape[1])
 
 
-def _least_step(values: Array) -> Array:
-    """Least change (n,) of each joint between two samples: the last digit of a rounded log, else next to nothing."""
-    steps = np.abs(np.diff(values, axis=0))
-    least = np.min(np.where(steps > 0.0, steps, np.inf), axis=0)
-    return np.where(np.isfinite(least), least, 0.0)
+def _parted(values: Array, spans: list[slice], calm: Array, width: int, reach: int) -> list[slice]:
+    """Stops within spans that small moves part, peaks of the way of smoothed joints in `reach` rows by `calm` (n,).
+
+    Left out are parts in which the arm never calms down.
+    """
+    smooth = [uniform_filter1d(values[span], width, axis=0) for span in spans]
+    ways = [np.max(np.abs(each[reach:] - each[:-reach]) / calm, axis=1, initial=0.0) for each in smooth]
+    least = max(_MOVED, _MOVED_USUAL * float(np.quantile(np.concatenate(ways), 0.25)))
+    parts = []
+    for span, way in zip(spans, ways, strict=True):
+        moves = find_peaks(way, prominence=least)[0]
+        for a, b in zip([0, *moves], [*moves, len(way)], strict=True):
+            if b > a and way[a:b].min() <= _MOST_CREEP:
+                ends = (a and a + reach // 2, b + (reach // 2 if b < len(way) else reach))
+                parts.append(slice(span.start + int(ends[0]), span.start + int(ends[1])))
+    return parts
 
 
-def _joined(values: Array, spans: list[Phase], noise: Array, calm: Array) -> list[Phase]:
+def _joined(values: Array, spans: list[slice], noise: Array, calm: Array) -> list[slice]:
     """Spans at the same place without a motion between them, as a dropout makes them, as one."""
-    out: list[Phase] = []
+    out: list[slice] = []
     for span in spans:
         if out:
             before = out[-1]
-            between = values[before.last : span.first + 1]
-            middle = np.median(values[before.first : before.last + 1], axis=0)
-            off = np.median(values[span.first : span.last + 1], axis=0) - middle
-            if np.all(np.abs(between - middle) <= 3.0 * _EDGE_SIGMAS * noise) and np.all(np.abs(off) <= calm):
-                out[-1] = Phase(before.first, span.last)
+            middle = np.median(values[before], axis=0)
+            between = np.abs(values[before.stop - 1 : span.start + 1] - middle) <= 3.0 * _EDGE_SIGMAS * noise
+            if between.all() and np.all(np.abs(np.median(values[span], axis=0) - middle) <= calm):
+                out[-1] = slice(before.start, span.stop)
                 continue
         out.append(span)
     return out
 
 
-def _parted(values: Array, phase: Phase, calm: Array, width: int, step_s: float) -> list[Phase]:
-    """Stops within a phase that small moves part: where smoothed joints stay within `calm` (n,); itself for one.
+def settled(values: Array, phase: slice, noise: Array) -> slice | None:
+    """Phase without the ends in which a joint still creeps; None for a few samples.
 
-    The longest such span is taken first, then those before and behind it.
+    It stands where it does in its calmest rows.
     """
-    inside = uniform_filter1d(values[phase.first : phase.last + 1], width, axis=0)
-    stride = max(1, width // 4, len(inside) // _MOST_TRIED)
-    places = inside[::stride]
-    least = max(2, round(LEAST_S / step_s / stride))
-
-    def stops(begin: int, end: int) -> list[tuple[int, int]]:
-        best = (begin, begin)
-        for first in range(begin, end - least):
-            rest = places[first:end]
-            away = np.maximum.accumulate(rest) - np.minimum.accumulate(rest) > calm
-            last = end if not away.any() else first + int(np.argmax(away.any(axis=1)))
-            best = max(best, (first, last), key=lambda span: span[1] - span[0])
-            if last == end:
-                break
-        if best[1] - best[0] < least:
-            return []
-        return [*stops(begin, best[0]), best, *stops(best[1], end)]
-
-    found = stops(0, len(places))
-    if len(found) < 2:
-        return [phase]
-    return [Phase(phase.first + a * stride, min(phase.first + b * stride - 1, phase.last)) for a, b in found]
-
-
-def trimmed(values: Array, phase: Phase, noise: Array) -> Phase | None:
-    """Phase without the ends in which a joint still creeps or settles; None where little is left."""
-    inside = values[phase.first : phase.last + 1]
-    if len(inside) < LEAST_SAMPLES:
+    if phase.stop - phase.start < LEAST_SAMPLES:
         return None
-    quarter = len(inside) // 4
-    middle = np.median(inside[quarter : len(inside) - quarter], axis=0)
-    off = np.max(np.abs(median_filter(inside, (min(5, len(inside)), 1), mode="nearest") - middle) / noise, axis=1)
-    calm = np.flatnonzero(off <= _EDGE_SIGMAS)
-    return None if len(calm) < LEAST_SAMPLES else Phase(phase.first + int(calm[0]), phase.first + int(calm[-1]))
+    inside = values[phase]
+    smooth = median_filter(inside, (min(5, len(inside)), 1), mode="nearest")
+    own = _calmest(smooth, slice(0, len(smooth)), noise)
+    for _ in range(2):
+        off = np.max(np.abs(smooth - np.median(inside[own], axis=0)) / noise, axis=1)
+        near = np.flatnonzero(off <= max(_EDGE_SIGMAS, float(off[own].max())))
+        own = slice(int(near[0]), int(near[-1]) + 1)
+    return slice(phase.start + own.start, phase.start + own.stop)
 
 
-def _is_long(phase: Phase, time_s: Array) -> bool:
-    return phase.last - phase.first + 1 >= LEAST_SAMPLES and time_s[phase.last] - time_s[phase.first] >= LEAST_S - 1e-9
+def _calmest(values: Array, span: slice, noise: Array) -> slice:
+    """The eighth of a span's rows, a few at least, in which values (N, n) move least in units of the noise."""
+    inside = values[span]
+    few = min(max(LEAST_SAMPLES, len(inside) // 8), len(inside))
+    ranges = np.max(_ranges(inside, few) / noise, axis=1)[few // 2 : len(inside) - (few - 1) // 2]
+    first = span.start + int(np.argmin(ranges))
+    return slice(first, first + few)
 
 
-def approach_of(values: Array, phase: Phase, mean: Array, least: Array) -> Array:
-    """Direction (n,) in which each joint moved last before a phase: 1, -1, or 0 where it had not moved.
+def approach_of(values: Array, first: int, mean: Array, least: Array | float) -> Array:
+    """Direction (n,) in which each joint moved last before a row: 1, -1, or 0 where it had not moved.
 
-    values  # (N, n); mean  # (n,) in the phase; least  # (n,) from which a motion counts
+    values  # (N, n); mean  # (n,) in the phase that begins there; least  # (n,) from which a motion counts
     """
-    before = values[: phase.first][::-1]
-    out = np.zeros(values.shape[1])
-    for k in range(values.shape[1]):
-        away = np.flatnonzero(np.abs(before[:, k] - mean[k]) > least[k])
-        if len(away):
-            out[k] = np.sign(mean[k] - before[away[0], k])
-    return out
+    before = values[:first][::-1]
+    away = np.abs(before - mean) > least
+    last = np.argmax(away, axis=0) if first else np.zeros(len(mean), dtype=np.int64)
+    moved = mean - (before[last, np.arange(len(mean))] if first else mean)
+    return np.asarray(np.where(away.any(axis=0), np.sign(moved), 0.0))

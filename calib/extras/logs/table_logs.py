@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ from calib.extras.logs.series import (
     Recording,
     RecordingError,
     in_order,
-    is_own_pose,
 )
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
@@ -40,11 +40,14 @@ _MOST_NUMBERS = 200_000_000  # of a parquet file
 _HEAD_BYTES = 1_000_000
 _FEWEST_ROWS = 40
 _NOT_PLACES = {"angular", "linear", "twist", "accelerometer", "gravity", "scale", "covariance"}
+_TURNS = {"rx", "ry", "rz", "roll", "pitch", "yaw", "rotation", "tilt", "a", "b", "c"}
 _LABELS = ("target", "marker", "markerid", "tagid", "childframeid", "pointname")
 _CONDITIONS = {"effort": ("effort", "torque"), "temperature": ("temperatures", "temperature", "temp")}
 _NOT_MEASURED = {"target", "desired", "command", "tcp", "control"}
 _STATE = "observation.state"  # of LeRobot
 _RADIANS = re.compile(r"(?:^|_)actual_q_\d$|[/.]position$|[/.]position(?:[.\[]\d+\]?)$|^field\.position\d+$")
+_NAME = re.compile(r"(?P<prefix>.*?)name[._\[]?(?P<k>\d+)\]?")
+_VALUE = re.compile(r"(?P<prefix>.*?)(?P<what>position|effort|velocity|q)[._\[]?(?P<k>\d+)\]?")
 
 
 def is_always_log(path: Path) -> bool:
@@ -57,16 +60,16 @@ def is_log(path: Path, mapping: Mapping[str, Meaning]) -> bool:
 
     One whose time is mapped to `ignore` is a table of poses. Raises DatasetError where it cannot be read.
     """
-    head = head_of(path)
+    head = _head(path)
     return len(head) >= _FEWEST_ROWS and has_fast_rows(_log_of(head), mapping)
 
 
 def has_time(path: Path) -> bool:
     """Whether a table has a column of time. Raises DatasetError where it cannot be read."""
-    return time_of(_log_of(head_of(path)), {}) is not None
+    return time_of(_log_of(_head(path)), {}) is not None
 
 
-def head_of(path: Path) -> UserTable:
+def _head(path: Path) -> UserTable:
     """Beginning of a table; the whole of spreadsheets and JSON. Raises DatasetError."""
     if is_records(path):
         return load_table(path, lambda _: None)
@@ -78,6 +81,34 @@ def head_of(path: Path) -> UserTable:
     return parse_table(path, text, lambda _: None)
 
 
+@dataclass(frozen=True)
+class _Columns:
+    """What the columns of a log hold, by their names."""
+
+    joints: tuple[str, ...]  # of the robot, in order; () where it has not all
+    conditions: Mapping[str, str]  # of joints, by their name in a series
+    points: Mapping[str, tuple[str, str, str]]  # x, y, z by what names the point; the controller's own tool is the last
+    label: str  # that names the point of each row; "" where there is none
+
+    @classmethod
+    def of(cls, log: Log, robot: Robot | None, mapping: Mapping[str, Meaning]) -> _Columns:
+        """Columns of a log; faults of the joints' names are the caller's to tell."""
+        columns = log.columns
+        joints = () if robot is None else _joint_columns(columns, robot, mapping)
+        return cls(
+            joints,
+            _condition_columns(columns, joints, robot) if robot is not None and joints else {},
+            _triples(columns, mapping, joints),
+            next((name for name in columns if plain(name) in _LABELS), ""),
+        )
+
+    @property
+    def names(self) -> set[str]:
+        """Names of all of them."""
+        of_points = (name for triple in self.points.values() for name in triple)
+        return {*self.joints, *self.conditions.values(), *of_points, self.label}
+
+
 def read_table_log(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> Recording:
     """Joints and points of a log that is a table. Raises RecordingError where it has no column of time."""
     log = _loaded(path, robot, mapping)
@@ -86,15 +117,16 @@ def read_table_log(path: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> 
         raise RecordingError(
             f"{path}: no column of time; found {', '.join(log.columns[:30])}; name it time_s (or time_ms, stamp)"
         )
+    faults = recognise(log.columns, robot, mapping).faults
+    if faults:
+        raise RecordingError(f"{path}: {'; '.join(faults)}")
     time_s, of_time, notes = time
-    joints = _joints(log, time_s, robot, mapping)
-    names = () if joints is None else joints.names
-    triples = _triples(log.columns, mapping, names)
-    used = {*of_time, *names, *(name for triple in triples.values() for name in triple)}
+    found = _Columns.of(log, robot, mapping)
+    used = {*of_time, *found.names} - {*found.conditions.values(), found.label}
     return Recording(
-        () if joints is None else (joints,), _points(log, time_s, mapping, triples),
+        (_joints(log, time_s, found),) if found.joints else (), _points(log, time_s, mapping, found),
         tuple(name for name in log.columns if name not in used), notes,
-        unit_is_unknown=any(name.startswith(_STATE) for name in names) and not any(m.unit for m in mapping.values()),
+        any(name.startswith(_STATE) for name in found.joints) and not any(m.unit for m in mapping.values()),
     )  # fmt: skip
 
 
@@ -111,13 +143,9 @@ def describe_table(table: UserTable) -> tuple[bool, bool]:
 def _described(log: Log) -> tuple[bool, bool]:
     meant = recognise(log.columns, None, {})
     named = [name for name in log.columns if name.startswith(_STATE) or name.lower().endswith("/position")]
-    has_joints = "q1" in meant.columns or bool(meant.faults) or len(named) > 1 or end_in_joint(log.columns)
-    angles = [name for name in log.columns if split_unit(name)[1] in ("deg", "rad") and not _is_turn(name)]
-    return has_joints or len(angles) > 1, bool(_triples(log.columns, {}, ()))
-
-
-def _is_turn(name: str) -> bool:
-    return bool(words_of(name) & {"rx", "ry", "rz", "roll", "pitch", "yaw", "rotation", "tilt", "a", "b", "c"})
+    angles = [n for n in log.columns if split_unit(n)[1] in ("deg", "rad") and not words_of(n) & _TURNS]
+    has_joints = "q1" in meant.columns or bool(meant.faults) or end_in_joint(log.columns)
+    return has_joints or max(len(named), len(angles)) > 1, bool(_triples(log.columns, {}, ()))
 
 
 # ---- files -----------------------------------------------------------------------------------------------------------
@@ -139,34 +167,31 @@ def _log_of(table: UserTable) -> Log:
 
 def _echoed(row: Sequence[str]) -> list[str]:
     """Names of the cells of a message that `ros2 topic echo --csv` wrote: stamp, frame, joints or a place."""
-    names = [f"column {k + 1}" for k in range(len(row))]
+    cells = [f"column {k + 1}" for k in range(len(row))]
     if len(row) < 6 or not (row[0].isdigit() and row[1].isdigit() and as_number(row[2]) is None):
-        return names
+        return cells
+    cells[:3] = ["sec", "nanosec", "frame_id"]
     words = next((k for k in range(3, len(row)) if as_number(row[k]) is not None), len(row)) - 3
     rest = len(row) - 3 - words
     if words > 1 and rest % words == 0:
         lists = ("name", "position", "velocity", "effort")[: 1 + rest // words]
-        cells = [f"{each}{k}" for each in lists for k in range(words)]
+        cells[3:] = [f"{each}{k}" for each in lists for k in range(words)]
     elif words <= 1 and rest in (3, 7):
-        cells = [*names[3 : 3 + words], *["x", "y", "z", "qx", "qy", "qz", "qw"][:rest]]
-    else:
-        cells = names[3:]
-    return ["sec", "nanosec", "frame_id", *cells, *names[3 + len(cells) :]]
+        cells[3 + words :] = ["x", "y", "z", "qx", "qy", "qz", "qw"][:rest]
+    return cells
 
 
 def _csv(path: Path, robot: Robot | None, mapping: Mapping[str, Meaning]) -> Log:
     """Columns of interest of a CSV; rows that cannot be read are left out, cells without a number are NaN."""
-    size = path.stat().st_size
-    if size > MOST_BYTES:
-        raise RecordingError(f"{path}: has {size / 1e9:.3g} GB; a log has at most {MOST_BYTES / 1e9:g} GB, cut it")
-    head = head_of(path)
+    _refuse_large(path, MOST_BYTES)
+    head = _head(path)
     short = _log_of(head)
-    wanted = _columns_of_interest(short, robot, mapping)
-    style = head.style
+    time = time_of(short, mapping)
+    wanted = {*(() if time is None else time[1]), *_Columns.of(short, robot, mapping).names}
     options: dict[str, Any] = {
         "sep": r"\s+" if head.separator == " " else head.separator, "header": None, "skiprows": head.lines[0] - 1,
-        "skipinitialspace": True, "encoding_errors": "replace", "on_bad_lines": "skip", "decimal": style.decimal,
-        "thousands": "." if style.has_dot_groups else None,
+        "skipinitialspace": True, "encoding_errors": "replace", "on_bad_lines": "skip", "decimal": head.style.decimal,
+        "thousands": "." if head.style.has_dot_groups else None,
     }  # fmt: skip
     try:
         if pd.read_csv(path, **options, nrows=1).shape[1] < len(head.columns):
@@ -178,10 +203,15 @@ def _csv(path: Path, robot: Robot | None, mapping: Mapping[str, Meaning]) -> Log
     return Log(path, frame.set_axis([short.columns[k] for k in places], axis=1), head.rate_hz)
 
 
+def _refuse_large(path: Path, most: float) -> None:
+    size = path.stat().st_size
+    if size > most:
+        raise RecordingError(f"{path}: has {size / 1e9:.3g} GB, such a log at most {most / 1e9:g} GB; cut it")
+
+
 def _json_lines(path: Path) -> Log:
     """JSON lines: one record a line; lists of joints become q1 ..., of a point x, y, z."""
-    if path.stat().st_size > MOST_BYTES // 10:
-        raise RecordingError(f"{path}: has {path.stat().st_size / 1e9:.3g} GB; export it as CSV or parquet")
+    _refuse_large(path, MOST_BYTES / 10)
     records = []
     with path.open(encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, start=1):
@@ -210,14 +240,13 @@ def _parquet(path: Path) -> Log:
     files = sorted((path / "data").rglob("*.parquet")) if path.is_dir() else [path]
     if not files:
         raise RecordingError(f"{path}: holds no data/*.parquet; give LeRobot's folder with its data")
-    frames = []
+    frames, is_number = [], (pa.types.is_floating, pa.types.is_integer, pa.types.is_timestamp)
     try:
         for file in files:
             table = pq.ParquetFile(file)
             if table.metadata.num_rows * table.metadata.num_columns > _MOST_NUMBERS:
                 raise RecordingError(f"{file}: has {table.metadata.num_rows} rows; cut it")
             kinds = {each.name: getattr(each.type, "value_type", each.type) for each in table.schema_arrow}
-            is_number = (pa.types.is_floating, pa.types.is_integer, pa.types.is_timestamp)
             names = [name for name, kind in kinds.items() if any(test(kind) for test in is_number)]
             frames.append(table.read(columns=names).to_pandas())
     except (pa.ArrowException, OSError) as error:
@@ -233,8 +262,8 @@ def _parquet(path: Path) -> Log:
             columns |= dict(zip(_names_of(str(name), rows.shape[1], entries), rows.T, strict=True))
     if not columns:
         raise RecordingError(f"{path}: holds no columns of numbers")
+    order = [name for name in ("episode_index", "frame_index") if name in columns]
     frame = pd.DataFrame(columns)
-    order = [name for name in ("episode_index", "frame_index") if name in frame]
     return Log(path, frame.sort_values(order, kind="stable", ignore_index=True) if order else frame)
 
 
@@ -265,61 +294,32 @@ def _named_by_cells(log: Log) -> Log:
 
     Raises RecordingError where the names change from row to row.
     """
-    renamed: dict[str, str] = {}
+    named: dict[tuple[str, str], str] = {}
     for column in log.columns:
-        match = re.fullmatch(r"(?P<prefix>.*?)name[._\[]?(?P<k>\d+)\]?", column)
-        if match is None:
-            continue
-        names = log.frame[column].dropna().unique()
-        if len(names) > 1:
-            raise RecordingError(
-                f"{log.path}: column {column}: joints are named in another order from row to row; give the bag itself"
-            )
-        of_joint = re.compile(
-            rf"{re.escape(match['prefix'])}(?P<what>position|effort|velocity|q)[._\[]?{match['k']}\]?"
-        )
-        for other in log.columns if len(names) else ():
-            if found := of_joint.fullmatch(other):
-                renamed[other] = f"{names[0]}/{found['what'].replace('q', 'position')}"
+        if match := _NAME.fullmatch(column):
+            names = log.frame[column].dropna().unique().tolist()
+            if len(names) > 1:
+                raise RecordingError(
+                    f"{log.path}: column {column}: joints are named in another order from row to row; give the bag "
+                    "itself"
+                )
+            if names:
+                named[match["prefix"], match["k"]] = str(names[0])
+    renamed: dict[str, str] = {}
+    for column in log.columns if named else ():
+        match = _VALUE.fullmatch(column)
+        if match and (match["prefix"], match["k"]) in named:
+            renamed[column] = f"{named[match['prefix'], match['k']]}/{match['what'].replace('q', 'position')}"
     return Log(log.path, log.frame.rename(columns=renamed), log.rate_hz)
 
 
 # ---- columns ---------------------------------------------------------------------------------------------------------
 
 
-def _joint_columns(columns: Sequence[str], robot: Robot, mapping: Mapping[str, Meaning]) -> list[str]:
-    """Columns of the robot's joints in order, [] without; faults of the names are the caller's to tell."""
+def _joint_columns(columns: Sequence[str], robot: Robot, mapping: Mapping[str, Meaning]) -> tuple[str, ...]:
     meant = recognise(columns, robot, mapping).columns
     wanted = [f"q{k + 1}" for k in range(robot.n_joints)]
-    return [meant[name].name for name in wanted] if all(name in meant for name in wanted) else []
-
-
-def _columns_of_interest(log: Log, robot: Robot | None, mapping: Mapping[str, Meaning]) -> set[str]:
-    time = time_of(log, mapping)
-    joints = [] if robot is None else _joint_columns(log.columns, robot, mapping)
-    triples = _triples(log.columns, mapping, joints).values()
-    conditions = {} if robot is None else _condition_columns(log.columns, joints, robot)
-    label = _label_column(log)
-    return {
-        *(() if time is None else time[1]), *joints, *(name for triple in triples for name in triple),
-        *conditions.values(), *(() if label is None else (label,)),
-    }  # fmt: skip
-
-
-def _joints(log: Log, time_s: Array, robot: Robot, mapping: Mapping[str, Meaning]) -> JointSeries | None:
-    faults = recognise(log.columns, robot, mapping).faults
-    if faults:
-        raise RecordingError(f"{log.path}: {'; '.join(faults)}")
-    names = _joint_columns(log.columns, robot, mapping)
-    if not names:
-        return None
-    conditions = _condition_columns(log.columns, names, robot)
-    rows = np.column_stack([log.numbers(name) for name in (*names, *conditions.values())])
-    known = np.isfinite(rows[:, : len(names)]).all(axis=1)
-    kept_s, kept = in_order(time_s[known], rows[known])
-    unit = "rad" if all(_RADIANS.search(name) and not split_unit(name)[1] for name in names) else ""
-    further = dict(zip(conditions, kept[:, len(names) :].T, strict=True))
-    return JointSeries(str(log.path), kept_s, tuple(names), kept[:, : len(names)], unit, further)
+    return tuple(meant[name].name for name in wanted) if set(wanted) <= set(meant) else ()
 
 
 def _condition_columns(columns: Sequence[str], joints: Sequence[str], robot: Robot) -> dict[str, str]:
@@ -336,7 +336,6 @@ def _condition_columns(columns: Sequence[str], joints: Sequence[str], robot: Rob
 def _triples(
     columns: Sequence[str], mapping: Mapping[str, Meaning], joints: Sequence[str]
 ) -> dict[str, tuple[str, str, str]]:
-    """Columns x, y, z of each point, by what stands beside the axis; the controller's own tool is the last."""
     told = {meant.name: column for column, meant in mapping.items() if meant.name in ("x", "y", "z")}
     if len(told) == 3 and set(told.values()) <= set(columns):
         return {"": (told["x"], told["y"], told["z"])}
@@ -346,18 +345,20 @@ def _triples(
     return found | ({} if own is None else {f"tcp {own[0]}": own})
 
 
-def _label_column(log: Log) -> str | None:
-    """Column that names the point of each row; None where there is none."""
-    return next((name for name in log.columns if plain(name) in _LABELS), None)
+def _joints(log: Log, time_s: Array, found: _Columns) -> JointSeries:
+    names = found.joints
+    rows = np.column_stack([log.numbers(name) for name in (*names, *found.conditions.values())])
+    known = np.isfinite(rows[:, : len(names)]).all(axis=1)
+    kept_s, kept = in_order(time_s[known], rows[known])
+    unit = "rad" if all(_RADIANS.search(name) and not split_unit(name)[1] for name in names) else ""
+    further = dict(zip(found.conditions, kept[:, len(names) :].T, strict=True))
+    return JointSeries(str(log.path), kept_s, names, kept[:, : len(names)], unit, further)
 
 
-def _points(
-    log: Log, time_s: Array, mapping: Mapping[str, Meaning], triples: Mapping[str, tuple[str, str, str]]
-) -> tuple[PointSeries, ...]:
-    labels = _label_column(log)
-    named = np.full(len(time_s), "") if labels is None else log.frame[labels].astype(str).to_numpy()
+def _points(log: Log, time_s: Array, mapping: Mapping[str, Meaning], found: _Columns) -> tuple[PointSeries, ...]:
+    named = log.frame[found.label].astype(str).to_numpy() if found.label else np.full(len(time_s), "")
     out = []
-    for key, triple in triples.items():
+    for key, triple in found.points.items():
         xyz = np.column_stack([log.numbers(name) for name in triple])
         known = np.isfinite(xyz).all(axis=1)
         units = {mapping[n].unit if n in mapping else split_unit(n)[1] for n in triple}
@@ -365,5 +366,5 @@ def _points(
         for label in dict.fromkeys(named[known]):
             rows = known & (named == label)
             kept_s, kept = in_order(time_s[rows], xyz[rows])
-            out.append(PointSeries(key, str(label), kept_s, kept, unit, is_own_pose(key)))
+            out.append(PointSeries(key, str(label), kept_s, kept, unit))
     return tuple(out)

@@ -587,6 +587,33 @@ def test_a_clock_of_its_own_is_found_over_the_whole_run(tmp_path: Path, capsys: 
     assert "its clock is 81234.567 s behind the joints'" in out
 
 
+def test_a_stop_of_one_reading_weighs_less_and_the_first_counts_where_no_joint_turns_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = recorded_run(np.random.default_rng(7), 16, offset_s=0.0, forwards=True)
+    of_sixth = np.flatnonzero(np.linalg.norm(run.xyz_mm - run.stops_mm[5], axis=1) < 1.0)
+    rare = replace(
+        run,
+        **{
+            key: np.delete(getattr(run, key), np.delete(of_sixth, len(of_sixth) // 2), axis=0)
+            for key in ("point_s", "xyz_mm")
+        },
+    )
+    code, _, _ = imported(
+        tmp_path, ["--joints", str(joints_csv(run, tmp_path)), "--points", str(points_csv(rare, tmp_path))], capsys
+    )
+    assert code == 0
+    made = load_dataset(tmp_path / "made")
+    assert made.points is not None
+    assert made.points.counts_as is not None
+    assert made.poses.approach is not None
+    assert made.poses.approach.tolist() == run.sides.tolist()
+    few, others = made.points.counts_as[5], np.delete(made.points.counts_as, 5)
+    assert few < 0.25
+    assert 0.7 < others.min() < others.max() < 1.4
+    assert not made.declares_noise
+
+
 @pytest.mark.thorough
 def test_only_the_robots_joints_decide_what_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A gripper that opens while the arm stands changes nothing; another topic of joints is named."""

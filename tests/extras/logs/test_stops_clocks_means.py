@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calib.extras.logs.clocks import offset_of_single_points, possible_offsets, refined
-from calib.extras.logs.means import autocorrelation_time, means_of
+from calib.extras.logs.means import means_of
 from calib.extras.logs.series import RecordingError, in_order, lost_rows
-from calib.extras.logs.standstill import Phase, approach_of, standstill_of
+from calib.extras.logs.standstill import approach_of, standstill_of
 from tests.support.recorded_run import recorded_run, tool_mm
 
 RUNS = {
@@ -27,12 +27,12 @@ def test_every_stop_is_found_and_the_clock_to_a_millisecond(name: str, digits: i
     q = np.round(run.q, digits)
     rest = standstill_of("run", run.joint_s, q)
     assert len(rest.phases) == 24
-    means = np.array([q[phase.first : phase.last + 1].mean(axis=0) for phase in rest.phases])
+    means = np.array([q[phase].mean(axis=0) for phase in rest.phases])
     assert np.abs(means - run.stops_q).max() < (1e-3 if digits == 3 or "mrad" in name else 5e-5)
     path_mm = tool_mm(q, (0.0,) * 6)
     possible = possible_offsets(run.joint_s, path_mm, run.point_s, run.xyz_mm)
     assert len(possible) == 1
-    starts, ends = run.joint_s[[(phase.first, phase.last) for phase in rest.phases]].T
+    starts, ends = run.joint_s[[(phase.start, phase.stop - 1) for phase in rest.phases]].T
     spans = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
     clock = refined(run.joint_s, path_mm, run.point_s, run.xyz_mm, possible[0], spans)
     assert abs(clock.offset_s - run.offset_s) < min(5.0 * clock.sigma_s, 1e-3)
@@ -40,11 +40,11 @@ def test_every_stop_is_found_and_the_clock_to_a_millisecond(name: str, digits: i
     assert clock.drift == 0.0
 
 
-@pytest.mark.parametrize(("noise_rad", "creep_deg"), [(1e-5, 0.2), (1e-4, 0.0)])
+@pytest.mark.parametrize(("noise_rad", "creep_deg", "stands_s"), [(1e-5, 0.2, 1.6), (1e-4, 0.0, 1.6), (2e-5, 0.2, 0.9)])
 @pytest.mark.parametrize("move_s", [0.1, 1.4])
-@pytest.mark.parametrize("step_deg", [0.05, 0.3])
-def test_stops_apart_by_a_small_move_stay_two(
-    step_deg: float, move_s: float, noise_rad: float, creep_deg: float
+@pytest.mark.parametrize("step_deg", [0.1, 0.3])
+def test_a_small_move_parts_stops_and_a_creep_before_one_costs_none(
+    step_deg: float, move_s: float, noise_rad: float, creep_deg: float, stands_s: float
 ) -> None:
     rng = np.random.default_rng(0)
     stops = np.repeat(rng.uniform(-1.2, 1.2, (8, 6)), 2, axis=0)
@@ -52,14 +52,14 @@ def test_stops_apart_by_a_small_move_stay_two(
     rows = []
     for k, (here, there) in enumerate(zip(stops, [*stops[1:], stops[-1]], strict=True)):
         way = np.linspace(0.0, 1.0, round(50 * (1.4 if k % 2 else move_s)))[:, None]
-        creep = np.radians(creep_deg) * np.exp(-np.arange(80) / 15.0)[:, None] * np.eye(6)[0]  # before it stands
-        rows += [here + creep, here + (3.0 * way**2 - 2.0 * way**3) * (there - here)]
+        creep = np.radians(creep_deg) * np.exp(-np.arange(50 * stands_s) / 15.0)[:, None] * np.eye(6)[0]
+        rows += [here + creep * (k % 2 == 0), here + (3.0 * way**2 - 2.0 * way**3) * (there - here)]
     q = np.vstack(rows)
     q += rng.normal(0.0, noise_rad, q.shape)
     rest = standstill_of("log", np.arange(len(q)) * 0.02, q)
-    means = np.array([q[phase.first : phase.last + 1].mean(axis=0) for phase in rest.phases])
+    means = np.array([q[phase].mean(axis=0) for phase in rest.phases])
     assert len(means) == len(stops)
-    assert np.degrees(np.abs(means - stops).max()) < 0.01
+    assert np.degrees(np.abs(means - stops).max()) < (0.04 if stands_s < 1.0 else 0.01)
 
 
 def test_a_drift_between_the_clocks_shows() -> None:
@@ -68,7 +68,7 @@ def test_a_drift_between_the_clocks_shows() -> None:
     rest = standstill_of("run", run.joint_s, run.q)
     path_mm = tool_mm(run.q)
     (rough,) = possible_offsets(run.joint_s, path_mm, point_s, run.xyz_mm)
-    starts, ends = run.joint_s[[(phase.first, phase.last) for phase in rest.phases]].T
+    starts, ends = run.joint_s[[(phase.start, phase.stop - 1) for phase in rest.phases]].T
     spans = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
     clock = refined(run.joint_s, path_mm, point_s, run.xyz_mm, rough, spans)
     assert clock.drift == pytest.approx(3e-4, rel=0.1)
@@ -101,7 +101,7 @@ def test_the_sigma_of_a_mean_is_that_of_correlated_noise(rho: float) -> None:
     found = means_of(list(noise))
     assert found.tau == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
     assert float(found.sigma.mean()) == pytest.approx(float(found.mean.std()), rel=0.2)
-    assert np.allclose(found.scatter, 1.0, rtol=0.1)
+    assert found.scatter == pytest.approx(1.0, rel=0.1)
 
 
 def test_outlying_samples_and_empty_phases_do_no_harm() -> None:
@@ -113,13 +113,12 @@ def test_outlying_samples_and_empty_phases_do_no_harm() -> None:
     assert np.abs(found.mean[:4]).max() < 0.01
     assert np.isnan(found.mean[4]).all()
     assert np.isnan(found.sigma[4])
-    assert autocorrelation_time([]) == 1.0
 
 
 def test_the_side_is_that_of_the_last_motion() -> None:
     path = np.concatenate([np.linspace(0.0, 1.0, 50), np.full(20, 1.0), np.linspace(1.0, 0.5, 50), np.full(20, 0.5)])
     values = np.column_stack([path, np.where(np.arange(140) < 30, -1.0, 0.0), np.full(140, 0.2)])
-    side = approach_of(values, Phase(122, 139), values[130], np.full(3, 1e-3))
+    side = approach_of(values, 122, values[130], 1e-3)
     assert side.tolist() == [-1.0, 1.0, 0.0]
 
 
