@@ -48,6 +48,8 @@ class ImportChoice:
     point_sigma_mm: float | None = None  # of one measured point, each axis
     place_sigma_mm: float | None = None  # of each known place that was visited
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
+    tool_mass_kg: float | None = None
+    edge_mm: float | None = None  # of the jig in scans
     skip_bad_rows: bool = False
     measured: MeasuredChoice | None = None  # what a plug-in is to measure
 
@@ -70,7 +72,8 @@ def plan_of_files(files: UserFiles, choice: ImportChoice, on_progress: OnProgres
     sources = ImportSources(
         robots, joints, points, files.scans, choice.mapping, faults,
         point_sigma_mm=choice.point_sigma_mm, place_sigma_mm=choice.place_sigma_mm,
-        tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
+        tool_mm=choice.tool_mm, tool_mass_kg=choice.tool_mass_kg, edge_mm=choice.edge_mm,
+        skip_bad_rows=choice.skip_bad_rows,
     )  # fmt: skip
     if choice.measured is not None:
         if sources.faults:
@@ -106,6 +109,9 @@ def unpacked(source: Path) -> Iterator[UserFiles]:
 
 def without_folder(plan: ImportPlan, folder: Path) -> ImportPlan:
     """The plan with file names relative to the temporary folder, as the user knows them."""
+
+    if folder == Path():  # nothing was unpacked: paths stay as they were given
+        return plan
 
     def short(lines: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(line.replace(f"{folder}/", "") for line in lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from calib.array_types import Array, Vector
 from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.consistency.own_pose import told as own_pose_told
+from calib.corners.edge_length import measured_edge_mm
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import (
     NOTHING_LEFT_OUT,
@@ -25,6 +27,14 @@ from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.measured import MeasuredPoses
 from calib.dataset_import.pose_names import files_of_rows, matched
+from calib.dataset_import.questions import (
+    Question,
+    edge_question,
+    noise_question,
+    tool_questions,
+    unit_question,
+    with_tool_mass,
+)
 from calib.dataset_import.reading import (
     ImportReport,
     LeftOutRow,
@@ -54,7 +64,9 @@ from calib.rendering import numbers
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
 from calib.robot_formats.urdf.meshes import stl_of_links
+from calib.scans.scan import load_scan
 from calib.text_files.column_names import split_unit
+from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import COLUMN, Fault, RowFault, UserTable, load_table
 
 _NO_ROBOT = "no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one"
@@ -62,6 +74,7 @@ _EXAMPLES = 3
 _COMPUTED_MM = 5e-3  # rms to the robot's table, below which no measured point is
 _MOST_SHOWN = 60  # columns of a table
 _MOST_NAMED = 8
+_SCANS_FOR_EDGE = 3
 
 
 @dataclass(frozen=True)
@@ -77,6 +90,8 @@ class ImportSources:
     point_sigma_mm: float | None = None  # of one measured point, each axis; None where it is not known
     place_sigma_mm: float | None = None  # of each known place that was visited; None where it is not known
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
+    tool_mass_kg: float | None = None
+    edge_mm: float | None = None  # of the jig in scans; None: measured
     skip_bad_rows: bool = False
     tables: Mapping[Path, UserTable] = field(default_factory=dict)  # of a plug-in, by the path that names them
     notes: tuple[str, ...] = ()
@@ -112,6 +127,7 @@ class ImportPlan:
     are_left_out: bool = False  # whether the dataset comes out without the bad rows
     has_too_many_bad_rows: bool = False
     left_out: tuple[LeftOutRow, ...] = ()  # rows of points that belong to no pose
+    asked: tuple[Question, ...] = ()  # what no file tells
 
     @property
     def can_leave_out(self) -> bool:
@@ -242,6 +258,7 @@ class _Planning:
         self.row_of: list[int] = []  # row of the joints of each point
         self.scan_of: dict[int, Path] = {}  # by the row of the joints
         self.robot_file = sources.robots[0].robot if sources.robots else None
+        self.asked: list[Question] = []
 
     def plan(self, content: Content | None = None, preview: Dataset | None = None) -> ImportPlan:
         """Plan with what was found so far, which has faults where there is no content."""
@@ -250,6 +267,7 @@ class _Planning:
         return ImportPlan(
             self.robot_file, tuple(columns), tuple(report.notes), tuple(report.doubts), tuple(map(str, report.faults)),
             content, 0 if self.joints is None else len(self.joints.table), preview, left_out=tuple(report.left_out),
+            asked=tuple(self.asked),
         )  # fmt: skip
 
     def of_rows(self) -> ImportPlan:
@@ -405,6 +423,7 @@ class _Planning:
             sheet = Sheet(tuple(self.ids), q, place * LENGTHS_MM[unit])
             seen = seen * LENGTHS_MM[unit]
         if sources.joint_unit_is_unknown and not has_known_unit(report, told, sheet, joints):
+            self.asked.append(unit_question(joints, "q1", ("deg", "rad")))
             return self.plan()
         taken = settled(report, told, sheet, joints, placement_columns(joints, self.points))
         commanded = commanded[:, list(taken.joints.order)]
@@ -416,9 +435,16 @@ class _Planning:
             self.robot_file = replace(taken.robot, robot=robot)
             self.points, seen = points.of_rows(kept), seen[kept]
             self.row_of = [self.row_of[i] for i in kept]
+        payload_kg = [as_number(cell) or 0.0 for cell in joints.cells("payload_kg")] or None
+        sample = None if sheet is None else Sheet(sheet.ids, q, sheet.points_mm).sample
+        if sources.tool_mass_kg is not None:
+            self.robot_file = with_tool_mass(self.robot_file, sample, sources.tool_mass_kg)
+        self.asked += tool_questions(self.robot_file, sample, sources.tool_mm, payload_kg)
         report.robot = self.robot_file.robot
         if sheet is not None and off > 1.0 and near is not None:
+            faults = len(report.faults)
             require_near_spread(report, points, *length_unit(report.robot, q, near))
+            self.asked += [unit_question(points, "x", ("mm", "m", "in"))] if len(report.faults) > faults else []
         if self.points is not None and self.points.meant.rest:
             report.notes.append(f"{points.path}: other columns are left out: {', '.join(self.points.meant.rest)}")
         if sheet is not None and self.points is None and has_flange_poses(joints.table):
@@ -460,6 +486,10 @@ class _Planning:
             report.doubts.append(
                 "the sigma of a measured point is not used: these data have scans and no measured points"
             )
+        edge_mm = sources.edge_mm
+        if self.scan_of and edge_mm is None:
+            edge_mm = _edge_in(list(self.scan_of.values()))
+            self.asked.append(edge_question(edge_mm))
         meshes, of_meshes = stl_of_links(self.robot_file.meshes)
         report.notes += of_meshes
         content = Content(
@@ -467,13 +497,15 @@ class _Planning:
             f"imported from {sources.joints.name}", sources.robots[0].path,
             point_sigma_mm=None if points_csv is None else sources.point_sigma_mm,
             place_sigma_mm=None if points_csv is None else sources.place_sigma_mm, notes=self.left_out.notes,
-            measured=by_plugin, meshes=meshes,
+            measured=by_plugin, meshes=meshes, edge_mm=edge_mm,
         )  # fmt: skip
         try:
             preview = checked(content)
         except DatasetError as error:
             report.fault(f"{sources.joints}: {error}")
             return self.plan()
+        if points_csv is not None and by_plugin is None and sources.point_sigma_mm is None:
+            self.asked.insert(0, noise_question(preview))
         return self.plan(content, preview)
 
     def _doubt_computed(self, sheet: Sheet, q: Array) -> None:
@@ -508,6 +540,15 @@ class _Planning:
         if off_mm is not None:
             agrees, sentence = own_pose_told(f"{table.path}: {names[0]} ...", off_mm)
             (self.report.notes if agrees else self.report.doubts).append(sentence)
+
+
+def _edge_in(scans: Sequence[Path]) -> float | None:
+    """Length of the jig's edges by some scans from all over the poses; None where they do not show it."""
+    some = []
+    for path in scans[:: max(1, len(scans) // _SCANS_FOR_EDGE)][:_SCANS_FOR_EDGE]:
+        with suppress(CalibError):
+            some.append(load_scan(path))
+    return measured_edge_mm(some)
 
 
 def _measured_notes(sources: ImportSources) -> tuple[str, ...]:

@@ -368,25 +368,20 @@ def named_by_values(report: ImportReport, joints: MeantTable, points: MeantTable
     """
     is_told = any(one.pose and one.meant.columns["pose"].why == AS_MAPPED for one in (joints, points))
     ids = [] if joints.pose or is_told else pose_ids(report, joints)
-    best, pair = (False, 0.0), None
+    best, pair = (False, False, 0.0), None
     for name in () if is_told else (*_possible_names(joints), *([""] if ids else [])):
         cells = joints.table.text(name) if name else ids
         if len(set(map(comparable_id, cells))) < len(cells):
             continue
         for of_point in _possible_names(points):
             names = points.table.text(of_point)
-            found, by_header = (
-                matched(names, cells),
-                (not name or _may_name(joints, name)) and _may_name(points, of_point),
-            )
-            words = any(comparable_id(name)[:1] != "#" for name in names)
-            if (
-                found.count < 2
-                or 2 * found.count < len(names)
-                or not (by_header or (words and found.how in SAME_NAMES))
-            ):
+            found = matched(names, cells)
+            is_same, by_words = found.how in SAME_NAMES, any(comparable_id(each)[:1] != "#" for each in names)
+            by_header = (not name or _may_name(joints, name)) and _may_name(points, of_point)
+            if min(found.count - 2, 2 * found.count - len(names)) < 0 or not (by_header or (is_same and by_words)):
                 continue
-            score = (not _counts_rows(names), found.count + 0.5 * (points.pose == of_point and joints.pose == name))
+            is_known = bool(name) and points.pose == of_point and joints.pose == name
+            score = (not _counts_rows(names), is_same, found.count + 0.5 * is_known)
             if pair is None or score > best:
                 best, pair = score, (name, of_point)
     if pair is not None:

@@ -7,10 +7,15 @@ import re
 
 
 def typed_length_mm(text: str) -> float:
-    """Length above 0, mm, of a text such as "0.05" or "0,05 mm". Raises ValueError with what is needed."""
-    values = _numbers(text.replace(",", "."))
+    """Standard deviation above 0, mm, of a text such as "0.05" or "0,05 mm". Raises ValueError with what is needed."""
+    return typed_size(text, "standard deviation; a number of mm above 0, such as 0.05")
+
+
+def typed_size(text: str, needed: str = "length or mass; a number of mm or kg above 0, such as 90") -> float:
+    """Number above 0 of a text such as "90", "0,5" or "90 mm". Raises ValueError with what is needed."""
+    values = _numbers(text.strip().removesuffix("kg").replace(",", "."))
     if len(values) != 1 or values[0] <= 0.0:
-        raise ValueError(f"{text[:40]!r} is no standard deviation; a number of mm above 0, such as 0.05")
+        raise ValueError(f"{text[:40]!r} is no {needed}")
     return values[0]
 
 

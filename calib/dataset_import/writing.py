@@ -152,6 +152,7 @@ class Content:
     place_sigma_mm: float | None = None
     notes: tuple[str, ...] = ()
     measured: MeasuredPoses | None = None  # by a plug-in
+    edge_mm: float | None = None  # of the jig in scans, one length whatever the faces' shape
     meshes: tuple[bytes | None, ...] = ()  # (n,) STL of what each joint moves, mm, in its frame
 
 
@@ -201,7 +202,8 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
         document["scanner"] = content.measured.scanner_table(document.get("scanner", {}))
         document |= content.measured.write(folder, with_files=with_scans)
     if content.scans:
-        document |= {"scans": "scans", "jig": {}}
+        edges = {} if content.edge_mm is None else {"edge_mm": [content.edge_mm] * 3}
+        document |= {"scans": "scans", "jig": edges}
         (folder / "scans").mkdir()
         for path in content.scans.values():
             if with_scans:

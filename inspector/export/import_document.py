@@ -11,6 +11,8 @@ from calib.dataset_import.user_files import UserFile
 from calib.present.fit.dataset import first_rows, preview
 from calib.rendering.text import block_text
 
+_WIDE = 28  # of an option that is told
+
 
 def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str, Any]:
     """JSON document of a planned import: recognised columns, doubts and faults."""
@@ -28,8 +30,18 @@ def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str,
         ],
         "bad_rows_left_out": plan.are_left_out,
         "left_out": [asdict(row) for row in plan.left_out],
+        "asked": [asdict(question) for question in plan.asked],
         "preview": None if plan.preview is None else preview(plan.preview),
     }
+
+
+def question_lines(plan: ImportPlan) -> list[str]:
+    """Lines for a terminal on what no file tells, with the options that answer it; [] where nothing is asked."""
+    asked = [
+        f"  {question.option.ljust(_WIDE)} {question.what}{f'; taken: {question.guess}' if question.guess else ''}"
+        for question in plan.asked
+    ]
+    return ["asked, as no file tells it (import again with what you know):", *asked] if asked else []
 
 
 def _column(column: PlannedColumn) -> dict[str, Any]:
@@ -63,4 +75,5 @@ def plan_lines(plan: ImportPlan) -> list[str]:
     widths = [min(max(len(row[k]) for row in rows), 24) for k in range(4)]
     table = ["  ".join([*(row[k][:24].ljust(widths[k]) for k in range(4)), row[4]]).rstrip() for row in rows]
     outcome = [] if plan.preview is None else ["", block_text(first_rows(plan.preview)), "", preview(plan.preview)]
-    return [*table, "", *plan.notes, *(f"doubtful: {doubt}" for doubt in plan.doubts), *outcome]
+    doubts = [f"doubtful: {doubt}" for doubt in plan.doubts]
+    return [*table, "", *plan.notes, *doubts, *question_lines(plan), *outcome]

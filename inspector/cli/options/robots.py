@@ -67,6 +67,16 @@ class ImportOptions(RobotFileOptions):
         metavar="X,Y,Z",
         parse=values.tool_mm,
     )
+    tool_mass: float | None = option(
+        "mass of the tool, in kg, its centre half way to the measured point (default: none told)",
+        metavar="KG",
+        parse=values.length_or_mass,
+    )
+    edge: float | None = option(
+        "length of the jig's edges from its corner, in mm (default: as the planes in --scans have it)",
+        metavar="MM",
+        parse=values.length_or_mass,
+    )
     skip_bad_rows: bool = flag("leave out rows that cannot be read, at most half of a table, and say which")
     dry_run: bool = flag("say what would be made, and write nothing")
     diagnose: bool = flag("go on to the first diagnosis at once")

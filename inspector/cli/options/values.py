@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
+from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm, typed_size
 from calib.options import PLAN_REGIONS
 
 _HEAVIEST_KG = 1e4
@@ -103,6 +103,14 @@ def sigma_mm(text: str) -> float:
     """Standard deviation above 0, mm."""
     try:
         return typed_length_mm(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def length_or_mass(text: str) -> float:
+    """Number above 0, mm or kg."""
+    try:
+        return typed_size(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 

@@ -27,7 +27,7 @@ from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options.robots import ImportOptions
 from inspector.cli.progress import progress, stages
 from inspector.cli.robots.reading import reading_of
-from inspector.export.import_document import plan_document, plan_lines
+from inspector.export.import_document import plan_document, plan_lines, question_lines
 
 
 def run_import(options: ImportOptions) -> int:
@@ -57,7 +57,8 @@ def run_import(options: ImportOptions) -> int:
     summary = [] if plan.robot is None else [plan.robot.summary]
     document = plan_document(plan, files.files)
     notes = [] if plan.robot is None else plan.robot.notes
-    return _finished(options, dataset, document | {"notes": notes}, [*summary, *plan.notes])
+    lines = [*summary, *plan.notes, *question_lines(plan)]
+    return _finished(options, dataset, document | {"notes": notes}, lines)
 
 
 def _named(options: ImportOptions) -> UserFiles:
@@ -70,7 +71,7 @@ def _choice(options: ImportOptions) -> ImportChoice:
     choice = ImportChoice(
         options.robot, reading, options.joints, options.points, parsed_mapping(options.map),
         point_sigma_mm=options.sigma, place_sigma_mm=options.place_sigma, tool_mm=options.tool,
-        skip_bad_rows=options.skip_bad_rows,
+        tool_mass_kg=options.tool_mass, edge_mm=options.edge, skip_bad_rows=options.skip_bad_rows,
     )  # fmt: skip
     for added in options.added:
         choice = added.chosen(choice)

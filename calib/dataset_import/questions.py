@@ -1,0 +1,99 @@
+"""What no file tells of an import, asked once: noise, tool point, tool mass, the jig's edges, a unit that is open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import Array, Vector
+from calib.calibration.calibrate import HEAVY_FROM_MM
+from calib.consistency.agreement import Sample, nominal_places
+from calib.dataset.dataset import Dataset
+from calib.dataset.repeats import find_repeats, pooled_sigma_mm
+from calib.dataset_import.reading import MeantTable
+from calib.effects.gravity import has_masses, tells_tool_mass
+from calib.frames import apply, invert
+from calib.kinematics.chain import nominal_chain
+from calib.kinematics.robot import Robot
+from calib.kinematics.tool_point import tip_T_last, tool_point_of
+from calib.robot_formats.chain.five_parameters import vector
+from calib.robot_formats.robot_file import RobotFile
+
+_NEAR_MM = 5.0  # of the end of the robot's file, within which the measured point is taken to be there
+
+
+@dataclass(frozen=True)
+class Question:
+    """Something that the user is asked for, what is taken without an answer, and the option that answers it."""
+
+    what: str
+    guess: str  # "" where there is none
+    option: str  # as it is typed, with the guess or a placeholder
+
+
+def noise_question(dataset: Dataset) -> Question:
+    """Question for the noise of a measured point, guessed by repeats where there are some."""
+    repeats = find_repeats(dataset)
+    guess = f"{pooled_sigma_mm(repeats):.2g}" if repeats else ""
+    by = f"{guess} mm by the repeats" if guess else "what a fit leaves"
+    return Question("noise of a measured point, the standard deviation of each axis", by, f"--sigma {guess or 'MM'}")
+
+
+def tool_found_mm(robot: Robot, sample: Sample) -> tuple[Array, float] | None:
+    """Measured point in the last joint's frame by the nominal arm, its median, and the arm's misfit, mm.
+
+    None for an arm that carries the instrument, stands for poses, or has too few points.
+    """
+    if robot.carries_scanner or robot.is_cartesian or not sample.is_enough:
+        return None
+    misfit_mm, base_mm = nominal_places(robot, sample)
+    end = nominal_chain(robot, sample.q).base_T_frame[:, robot.n_joints]
+    return np.median(np.einsum("nji,nj->ni", end[:, :3, :3], base_mm - end[:, :3, 3]), axis=0), misfit_mm
+
+
+def tool_questions(
+    file: RobotFile, sample: Sample | None, told_mm: Vector | None, payload_kg: Sequence[float] | None
+) -> list[Question]:
+    """Questions for the tool's point, where the points have it elsewhere than the robot's file, and for its mass.
+
+    told_mm: the measured point as the user gave it; payload_kg: of each pose.
+    """
+    robot, out = file.robot, []
+    reach_mm = tool_point_of(robot)
+    found = None if sample is None or told_mm is not None else tool_found_mm(robot, sample)
+    if found is not None and np.linalg.norm(found[0] - reach_mm) > max(_NEAR_MM, 2.0 * found[1]):
+        reach_mm = found[0]
+        place = apply(tip_T_last(robot) if file.chain is not None else invert(robot.flange.transform), reach_mm)
+        guess = ",".join(f"{value + 0.0:.1f}" for value in place)
+        end = file.chain.tip if file.chain is not None and file.chain.tip else "the flange's frame"
+        out.append(Question(f"the measured point in {end}, mm", f"{guess} by the nominal arm", f"--tool={guess}"))
+    told = tells_tool_mass(robot, None if payload_kg is None else np.asarray(payload_kg))
+    if has_masses(robot) and not told and np.linalg.norm(reach_mm) > HEAVY_FROM_MM:
+        out.append(Question("mass of the tool, kg", "nothing, which no compliance will do without", "--tool-mass KG"))
+    return out
+
+
+def with_tool_mass(file: RobotFile, sample: Sample | None, mass_kg: float) -> RobotFile:
+    """Robot whose tool has a mass, its centre half way to the measured point, where the points have it or the file."""
+    found = None if sample is None else tool_found_mm(file.robot, sample)
+    reach_mm = tool_point_of(file.robot)
+    if found is not None and np.linalg.norm(found[0] - reach_mm) > max(_NEAR_MM, 2.0 * found[1]):
+        reach_mm = found[0]
+    tool = replace(file.robot.tool, mass_kg=mass_kg, com_mm=vector(np.round(0.5 * reach_mm, 1)))
+    return replace(file, robot=replace(file.robot, tool=tool))
+
+
+def unit_question(table: MeantTable, meaning: str, units: Sequence[str]) -> Question:
+    """Question for a unit that neither names nor points tell."""
+    name = table.named(meaning)
+    options = " or ".join(f"--map '{name}={meaning}_{unit}'" for unit in units)
+    return Question(f"unit of {name} ... in {table.path.name}", "", options)
+
+
+def edge_question(edge_mm: float | None) -> Question:
+    """Question for the length of the jig's edges, as the planes in the scans have it."""
+    guess = "" if edge_mm is None else f"{edge_mm:g}"
+    taken = f"{guess} mm by the planes in the scans" if guess else "60 mm"
+    return Question("length of the jig's edges from its corner", taken, f"--edge {guess or 'MM'}")
