@@ -11,7 +11,6 @@ import json
 import os
 import re
 import shutil
-import sys
 import tempfile
 import tomllib
 import warnings
@@ -35,11 +34,9 @@ from calib.dataset.files.robot_toml import builtin_robot, robot_to_toml
 from calib.errors import MOST_CHARACTERS, CalibError
 from calib.kinematics.chain import target_points
 from calib.simulation.simulate import simulate_dataset
-from tests.support import promises
 from tests.support.arms import random_arm, random_transform
 from tests.support.promises import ran
-from tests.support.robot_mutations import mutated
-from tests.support.scan_mutations import CLOUDS, MUTATIONS, WRITERS
+from tests.support.scan_mutations import CLOUDS, MUTATIONS, WRITERS, mutated
 from tests.support.scan_scene import make_scene
 
 EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "25"))
@@ -529,57 +526,3 @@ def test_an_arm_told_otherwise_has_the_same_fit(
 
 
 # ---- a promise that is broken is found ------------------------------------------------------------------------------
-
-
-def _raises(*_: object) -> int:
-    raise KeyError("x")
-
-
-def _warns(*_: object) -> int:
-    warnings.warn_explicit("odd", RuntimeWarning, "/somewhere/calib/fit.py", 3)
-    return 0
-
-
-def _says(words: str, code: int = 2) -> Callable[..., int]:
-    def run(*_: object) -> int:
-        sys.stderr.write(words + "\n")
-        return code
-
-    return run
-
-
-@pytest.mark.parametrize(
-    ("run", "trouble"),
-    [
-        (_raises, "traceback"),
-        (_warns, "python warning"),
-        (_says("inspector: one line"), ""),
-        (_says("inspector: one\ninspector: two"), "lines"),
-        (_says("inspector: " + "x" * 2000), "lines"),
-        (_says("inspector: note: beside\ninspector: one line"), ""),
-        (_says("", 3), "code"),
-        (_says("inspector: internal error, KeyError"), "traceback"),
-    ],
-)
-def test_a_broken_promise_is_found(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, run: Callable[..., int], trouble: str
-) -> None:
-    monkeypatch.setattr(promises, "main", run)
-    assert ran(tmp_path).trouble == trouble
-
-
-@pytest.mark.parametrize(
-    ("code", "name", "trouble"),
-    [(2, "out", "half-written"), (0, "out", ""), (0, "else", "half-written"), (0, "in", "inputs")],
-)
-def test_files_that_are_left_behind_or_changed_are_found(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, code: int, name: str, trouble: str
-) -> None:
-    def run(*_: object) -> int:
-        (tmp_path / name).write_text("longer")
-        sys.stderr.write("inspector: one line\n")
-        return code
-
-    (tmp_path / "in").write_text("x")
-    monkeypatch.setattr(promises, "main", run)
-    assert ran(tmp_path, outputs=(tmp_path / "out",)).trouble == trouble

@@ -213,16 +213,6 @@ def test_no_tracked_file_names_a_place_on_somebodys_machine():
     assert found == []
 
 
-@pytest.mark.parametrize("text", ["see /" + "home/ann/x", '"/' + 'tmp/a.ply"', "file:///" + "root/x"])
-def test_the_search_for_such_places_finds_them(text: str):
-    assert MACHINE_PATH.search(text)
-
-
-def test_sample_data_stays_under_25_mb():
-    sizes = {path: path.stat().st_size for path in tracked_files() if path.is_relative_to(ROOT / "sample_data")}
-    assert sum(sizes.values()) < 25e6, sorted(sizes.items(), key=lambda item: -item[1])[:5]
-
-
 def packaged_files() -> set[Path]:
     """What setuptools takes into a wheel besides .py files; each folder is a package, a pattern is of one or of all."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
@@ -292,19 +282,3 @@ def test_help_and_documentation_list_every_command_and_option():
         assert f"```{{command-options}} {command.name}\n```" in section
         told = arguments_of(*declarations(command))
         assert all(one.help for one in told), f"{command.name}: an option without help"
-
-
-def test_readmes_python_is_python():
-    blocks = readme_blocks("python")
-    assert blocks, "the library's example"
-    for block in blocks:
-        compile(block, "README.md", "exec")
-
-
-def test_papers_agree_with_the_project():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    citation = (ROOT / "CITATION.cff").read_text()
-    assert f"version: {project['version']}\n" in citation
-    assert f"license: {project['license']}\n" in citation
-    assert ".ci/run" in (ROOT / ".github/workflows/tests.yml").read_text()
-    assert "./run test" in (ROOT / ".ci/run").read_text()

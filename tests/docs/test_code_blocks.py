@@ -171,7 +171,7 @@ def test_a_page_as_it_should_be_passes(tmp_path: Path):
         ("at p55", "at p56", "p55"),
         ("the   error", "an error", "expected 'an' in\n    an error"),
         ("x = 2", "x = y", "page.md:5: expected: the block runs\ngot: NameError"),
-        ("print(told())", "print(told()); print(1)", "expected: nothing after"),
+        ("print(told())", "print(told()); print(1)", "expected '(nothing after)'"),
         ("a comment", "exit code 1", "expected: exit code 1\ngot: exit code 0"),
         ("# exit code 2", "#", "expected: exit code 0\ngot: exit code 2"),
         ("% not run: needs the network", "words", "`curl` is not run by the tests"),

@@ -14,8 +14,8 @@ from calib.errors import CalibError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from inspector.cli.parser import main
 from tests.support.chains import shoulder_arm
-from tests.support.robot_mutations import mutated
 from tests.support.robot_texts import FRANKA, UR_YAML
+from tests.support.scan_mutations import mutated
 from tests.support.sweeps import sweep
 
 FILES = {

@@ -28,35 +28,13 @@ from inspector.cli.parser import main
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = set(commands()) - {"serve"} | {"--version", "--help"}
-PROGRAMS = {
-    "cat",
-    "cmp",
-    "cp",
-    "cut",
-    "diff",
-    "echo",
-    "find",
-    "grep",
-    "head",
-    "jq",
-    "ls",
-    "mkdir",
-    "mv",
-    "printf",
-    "python",
-    "rm",
-    "sed",
-    "sort",
-    "tail",
-    "tar",
-    "test",
-    "touch",
-    "tr",
-    "uniq",
-    "unzip",
-    "wc",
-    "zip",
-}
+PROGRAMS = set(
+    re.findall(
+        r"\w+",
+        "cat cmp cp cut diff echo find grep head jq ls mkdir mv printf python rm sed sort tail tar test touch tr uniq "
+        "unzip wc zip",
+    )
+)
 NOT_SH = ("bash", "shell", "console", "zsh", "shell-session")
 DIRECTIVES_OF_CODE = ("code-block", "code", "sourcecode")
 BEFORE = re.compile(r"^\s*(?:%|<!--)\s*(not run|takes long)\s*:?\s*(.*?)\s*(?:-->)?\s*$")
@@ -221,18 +199,16 @@ def difference(expected: str, got: str) -> str:
 
 
 def _told(expected: str, stretch: Stretch, printed: str, at: int, anywhere: bool) -> str:
-    """The first word that disagrees, its line, and what is printed there."""
-    words = stretch.text.split()
-    for count in range(len(words), -1, -1):
+    """The first word that disagrees, and what is printed there."""
+    words = [*stretch.text.split(), "(nothing after)"]
+    for count in range(len(words) - 1, -1, -1):
         agreeing = Stretch(" ".join(words[:count]), stretch.whole_words)
         end = agreeing.ends(printed, at, anywhere=anywhere, at_end=False) if count else at
         if end >= 0:
             break
-    if count == len(words):
-        return f"expected: nothing after\n    {stretch.text[-200:]}\ngot:\n    {printed[end:][:300].strip()}"
-    word = words[count]
-    line = next((line for line in expected.splitlines() if word in line.split()), expected)
-    return f"expected {word!r} in\n    {line.strip()}\ngot:\n    {printed[end:][:300].strip() or '(nothing more)'}"
+    line = next((line for line in expected.splitlines() if words[count] in line.split()), stretch.text[-200:])
+    got = printed[end:][:300].strip() or "(nothing more)"
+    return f"expected {words[count]!r} in\n    {line.strip()}\ngot:\n    {got}"
 
 
 # ---- running --------------------------------------------------------------------------------------------------------

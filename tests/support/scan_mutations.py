@@ -174,25 +174,28 @@ def _replace(content: bytes, at: int, new: bytes) -> bytes:
     return content[:at] + new + content[at + len(new) :]
 
 
+_ODD = (
+    b"0", b"1", b"-1", b"1e999", b"-1e308", b"4294967295", b"9" * 400, b"nan", b"inf", b"7", b"900", b"", b"0x10",
+    b"1_000", b"1,5", "\u0663".encode(), b"\0", b"&x;", b"[", b"]]>", b"<!--", b"\xff\xfe", b"\n", b'"', b"null", b"*a",
+    b"&a", b"!!python/object", b"../../../etc/passwd",
+)  # fmt: skip
+
+
 def _other_number(rng: np.random.Generator, content: bytes) -> bytes:
-    """Another number in place of one of the header's."""
-    found = list(re.finditer(rb"(?<![\w.])\d+", content[:400]))
+    """Something else in place of one of the numbers, of the header most of all."""
+    found = list(re.finditer(rb"(?<![\w.])-?\d+\.?\d*", content[: int(rng.choice([400, 10_000]))]))
     if not found:
         return _flip(rng, content)
     match = found[rng.integers(len(found))]
-    choices = [
-        b"0",
-        b"1",
-        b"-1",
-        b"1000000000000",
-        b"4294967295",
-        b"99999999999999999999",
-        b"1e9",
-        b"nan",
-        b"7",
-        b"900",
-    ]
-    return content[: match.start()] + choices[rng.integers(len(choices))] + content[match.end() :]
+    return content[: match.start()] + _ODD[rng.integers(len(_ODD))] + content[match.end() :]
+
+
+def _other_lines(rng: np.random.Generator, content: bytes) -> bytes:
+    """A line left out, doubled or exchanged with another."""
+    lines = content.splitlines(keepends=True) or [b""]
+    i, j = rng.integers(len(lines), size=2)
+    lines[i] = (b"", lines[i] * 2, lines[j])[rng.integers(3)]
+    return b"".join(lines)
 
 
 def _other_word(rng: np.random.Generator, content: bytes) -> bytes:
@@ -235,6 +238,7 @@ MUTATIONS: dict[str, Callable[[np.random.Generator, bytes], bytes]] = {
     "flipped in the header": lambda rng, content: _replace(content, _at(rng, content, 300), rng.bytes(1)),
     "another number": _other_number,
     "another word": _other_word,
+    "other lines": _other_lines,
     "odd floats": _floats,
     "pieces": _chunk,
     "random bytes": lambda rng, content: rng.bytes(int(rng.integers(0, 3000))),
@@ -245,3 +249,11 @@ MUTATIONS: dict[str, Callable[[np.random.Generator, bytes], bytes]] = {
     "digits": lambda rng, content: re.sub(rb"(?<=\d)\.(?=\d)", (b",", b"", b"..", b";")[rng.integers(4)], content),
 }
 """By name: ways to spoil a good file."""
+
+
+def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+    """A file's content with one to three random damages."""
+    ways = [*MUTATIONS.values()]
+    for _ in range(int(rng.integers(1, 4))):
+        content = ways[int(rng.integers(1, len(ways)))](rng, content)
+    return content

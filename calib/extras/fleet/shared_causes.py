@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.extras.fleet.row import EffectSize, Row
@@ -176,6 +176,8 @@ def best_range(has: BoolArray, starts: IndexArray) -> tuple[int, int, float]:
     not split. The p-value is the probability of a range as unlikely anywhere, where the cases are permuted at random:
     of all permutations where they are few, else of `PERMUTATIONS`, or Bonferroni's bound where that is less.
     """
+    from scipy.stats import permutation_test  # which takes a quarter of a second to load
+
     n, cases = len(has), int(has.sum())
     table, starts = log_fisher(n, cases), np.append(np.sort(starts), n)
 
@@ -195,7 +197,7 @@ def best_range(has: BoolArray, starts: IndexArray) -> tuple[int, int, float]:
     i, j = np.unravel_index(int(np.argmin(log_p)), log_p.shape)
     p = float(np.exp(log_p[i, j]) * (n * (n - 1) / 2 + SINCE_WEIGHT * n))
     if p > 1.0 / (1 + PERMUTATIONS):
-        found = stats.permutation_test(
+        found = permutation_test(
             (np.flatnonzero(has), np.flatnonzero(~has)), least, n_resamples=PERMUTATIONS, alternative="less", rng=0
         )
         p = min(p, float(found.pvalue))

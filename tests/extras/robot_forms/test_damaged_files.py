@@ -10,8 +10,8 @@ import pytest
 from calib.errors import CalibError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from inspector.cli.parser import main
-from tests.support.robot_mutations import mutated
 from tests.support.robot_texts import MJCF, UR10_CONF
+from tests.support.scan_mutations import mutated
 from tests.support.sweeps import sweep
 
 FILES = {

@@ -12,13 +12,11 @@ import pandas as pd
 import pytest
 
 from calib.errors import DatasetError
-from calib.rendering import numbers
 from calib.rendering.numbers import parameter_label
 from inspector.app.app import App
 from inspector.app.page.dataset_list import names_of
 from inspector.app.page.tabs import STEPS
 from inspector.app.serving import serving
-from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.panels.model.redundancy import ALL, ANGLES, LENGTHS
 from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
 from inspector.session import measuring
@@ -224,24 +222,6 @@ def test_redundancy_tab_splits_as_park_or_not_and_names_groups(app: App, page: W
     page.wait(lambda p: session(app).redundancy is not other)
 
 
-def test_calibrate_with_distances_or_say_in_words_why_not(app: App, page: WireClient) -> None:
-    first = session(app).calibration
-    page.wait(lambda p: p.props("Calibrate")["disabled"])  # once more by positions would change nothing
-    page.set("Fit", "distance")
-    page.wait(lambda p: not p.props("Calibrate")["disabled"])
-    page.click("Calibrate")
-    page.wait(lambda p: p.notifications or session(app).calibration is not first, 30)
-    idle(app)
-    second = session(app).calibration
-    if page.notifications:  # 13 training poses are few for distances alone: the reason is on the page
-        reason = page.notifications[-1]["props"]["body"]
-        assert "training poses" in reason
-        shows(page, reason)
-    else:
-        assert second.residual == "distance"
-        shows(page, "distance, ")
-
-
 # ---- other datasets, hostile names, errors --------------------------------------------------------------------
 
 
@@ -340,14 +320,3 @@ def test_names_of_datasets_tell_them_apart(tmp_path: Path) -> None:
     names = names_of([one, two, same])
     assert len(set(names)) == 3
     assert names[1] == "other"
-
-
-def test_words() -> None:
-    assert numbers.length(0.0123) == "12 µm"
-    assert numbers.length(1.5) == "1.50 mm"
-    assert numbers.length(float("nan")) == "–"
-    assert numbers.reduction(4.256, 0.291) == "93.16 %"
-    assert numbers.reduction(0, 1) == "–"
-    assert numbers.listing(("a", "b", "c")) == "a, b and c"
-    assert numbers.column_mm(2.5e-13) == "2.5e-13"
-    assert ROLE_COLOURS.keys() == {"reference", "train", "test"}

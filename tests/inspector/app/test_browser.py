@@ -11,7 +11,6 @@ import viser
 from calib.rendering import numbers
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.panels.model.compare import SHOW_ARM, SHOW_DISTANCE
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
@@ -76,19 +75,6 @@ def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
     says(page, f"1 of {POSES}")
 
 
-@pytest.mark.thorough
-def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
-    open_tab(page, "Planes")
-    search = app.state.view.search
-    says(page, "rejected by filter 1")
-    cells = [c.inner_text() for c in page.get_by_role("cell").all() if c.is_visible()]
-    for count in search.filter_counts().values():
-        assert f"{count:,}" in cells
-    page.get_by_role("button", name="Show the planes").click()
-    node_drawn(page, f"{ROOT}/sets/lines")
-    node_drawn(page, f"{ROOT}/groups/discs")
-
-
 def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
     open_tab(page, "Corner")
     search = app.state.view.search
@@ -105,23 +91,6 @@ def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
     page.get_by_role("option", name=f"{pose_id} ·").click()
     says(page, f"No corner: {app.state.view.session.searches[pose_id].failure[:60]}")
     page.mouse.click(600, 650)
-
-
-@pytest.mark.thorough
-def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app: App) -> None:
-    app.select(0)  # the scan before has no corner, so no jig to lay over it
-    idle(app)
-    open_tab(page, "Compare")
-    for version in app.state.now.versions:
-        says(page, numbers.column_mm(version.evaluation.test.rmse_mm))
-    says(page, "noise alone")
-    page.get_by_role("button", name=SHOW_ARM).click()
-    node_drawn(page, f"{ROOT}/arm/cylinders")
-    node_drawn(page, f"{ROOT}/residuals/arrows")
-    page.get_by_role("button", name=SHOW_DISTANCE).click()
-    node_drawn(page, f"{ROOT}/jig/face2")
-    node_drawn(page, f"{ROOT}/distance/points")
-    says(page, "nearest chosen face")
 
 
 def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:

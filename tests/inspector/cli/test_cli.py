@@ -211,21 +211,6 @@ def test_what_is_no_file_is_not_replaced_by_one(
     assert "rb5, panda" in refused("simulate", tmp_path / "new", "--robot", "rb6")
 
 
-def test_redundancy_has_the_promised_keys(points_folder: Path) -> None:
-    document = answered("redundancy", points_folder)
-    names = document["parameters"]
-    assert len(names) == 35
-    assert np.shape(document["pearson"]) == (35, 35)
-    assert ["d2", "d3", "d4"] in document["groups"]
-    assert document["rank"] == 21
-    assert document["rank_unknown_frame"] == 19
-    zero = names.index(document["no_influence"][0])
-    assert all(value is None for value in document["pearson"][zero])
-    assert set(document["kept"]) == set(names) - {name for group in document["groups"] for name in group[1:]}
-    assert all("parameters" in relation for relation in document["combinations"])
-    assert answered("redundancy", points_folder, "--residual", "distance")["rank"] == 19
-
-
 @pytest.mark.slow
 def test_corners_has_the_promised_keys_and_finds_the_truth(scans_folder: Path, own_scans: Path, tmp_path: Path) -> None:
     out = tmp_path / "points.csv"
