@@ -147,11 +147,11 @@ def _typed_joints(text: str, robot: Robot) -> Array:
 def _joints_in(table: UserTable, robot: Robot) -> Array:
     """Joint values (N, n), rad and mm, of a table."""
     report = ImportReport(robot)
-    meant = recognised(report, table, {}, positions=False)
-    values = joint_values(report, table, meant)
+    joints = recognised(report, table, {}, positions=False)
+    values = joint_values(report, joints)
     report.raise_all()
     assert values is not None
-    units, _ = joint_units(robot, values, [meant.columns[f"q{k + 1}"].unit for k in range(robot.n_joints)], None)
+    units, _ = joint_units(robot, values, [joints.meant.columns[f"q{k + 1}"].unit for k in range(robot.n_joints)], None)
     return robot.joints_of(values * [ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
 
 
