@@ -34,7 +34,7 @@ _DEEPEST = 3  # changes of the columns beside signs
 _FEW_JOINTS = 4  # up to which sums of any columns are tried at every step
 _LARGEST_PITCH_MM, _PITCHES, _ZOOMS = 64.0, 16, 3  # of a screw, tried in so many steps, which three times get finer
 _CHUNK = 1500  # candidates at once
-_ROUGH_TURNS, _TURNS = 5, 12  # of frame and tool
+_ROUGH_TURNS, _TURNS, _MANY_TURNS = 5, 12, 60  # of frame and tool
 _CAUCHY = 4.0  # squared, times the last judged row's distance, at which a row counts half
 _RIDGE = 1e-6  # of what poses that hardly turn leave open
 _REACH_MM = 2000.0  # of a tool point
@@ -48,6 +48,21 @@ class JointConvention:
     readings: tuple[JointReading, ...]  # () where none is needed, or none fits
     left_mm: float  # by the rows that agree best, with the first of them
     as_it_is_mm: float  # the same with the columns as they are
+
+
+@dataclass(frozen=True)
+class RobustAgreement:
+    """The nominal arm brought to points by the frame and the tool point with which most rows agree."""
+
+    left_mm: float  # root mean square of the rows that agree best
+    tool_mm: Array  # (3,) of the tool point, beyond the nominal one, in the tool's frame
+    off_mm: Array  # (N,) distances of all rows
+
+
+def best_agreement(robot: Robot, q: Array, points_mm: Array) -> RobustAgreement:
+    """Agreement of the nominal arm at joint values q (N, n) with points (N, 3) of one instrument, or of one place."""
+    left, tool_mm, off_mm = _of_chunk(robot, [JointReading.plain(robot.n_joints)], q, points_mm, _MANY_TURNS)
+    return RobustAgreement(float(left[0]), tool_mm[0], off_mm[0])
 
 
 def likely_conventions(robot: Robot, q: Array, points_mm: Array) -> tuple[JointReading, ...]:
@@ -123,13 +138,16 @@ def _spread_rows(count: int, most: int) -> IndexArray:
 def _left_mm(robot: Robot, readings: Sequence[JointReading], q: Array, points_mm: Array, turns: int) -> Array:
     """What each reading leaves, mm: root mean square over the rows that agree best, at the best frame and tool."""
     parts = [
-        _of_chunk(robot, readings[first : first + _CHUNK], q, points_mm, turns)
+        _of_chunk(robot, readings[first : first + _CHUNK], q, points_mm, turns)[0]
         for first in range(0, len(readings), _CHUNK)
     ]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _of_chunk(robot: Robot, readings: Sequence[JointReading], q: Array, points_mm: Array, turns: int) -> Array:
+def _of_chunk(
+    robot: Robot, readings: Sequence[JointReading], q: Array, points_mm: Array, turns: int
+) -> tuple[Array, Array, Array]:
+    """What K readings leave (K,), the tool point beyond the nominal one (K, 3), and distances (K, N); mm."""
     each = np.stack([reading.of(q) for reading in readings])
     count, rows, n = each.shape
     ends = forward(robot.table, each.reshape(-1, n), robot.is_revolute).base_T_frame[:, -1]
@@ -138,7 +156,7 @@ def _of_chunk(robot: Robot, readings: Sequence[JointReading], q: Array, points_m
     floor_mm = _ROW_FLOOR * rms_length(points_mm - points_mm.mean(axis=0))
     eye = np.broadcast_to(np.eye(3), (count, rows, 3, 3))
     weight, tool_mm = np.ones((count, rows)), np.zeros((count, 3))
-    best = np.full(count, np.inf)
+    best, best_tool, best_off = np.full(count, np.inf), tool_mm, np.zeros((count, rows))
     for _ in range(turns):
         mine = place + np.einsum("bnij,bj->bni", attitude, tool_mm)
         share = weight / weight.sum(axis=1, keepdims=True)
@@ -150,11 +168,15 @@ def _of_chunk(robot: Robot, readings: Sequence[JointReading], q: Array, points_m
         off = points_mm - seen[:, None] - turned
         square = np.sum(off**2, axis=-1)
         ordered = np.sort(square, axis=1)[:, :judged]
-        best = np.minimum(best, ordered.mean(axis=1))
+        left = ordered.mean(axis=1)
+        better = left < best
+        best = np.where(better, left, best)
+        best_tool = np.where(better[:, None], tool_mm, best_tool)
+        best_off = np.where(better[:, None], np.sqrt(square), best_off)
         weight = 1.0 / (1.0 + square / (_CAUCHY * ordered[:, -1:] + floor_mm**2))
         columns = np.concatenate([-skew(turned), eye, turn[:, None] @ attitude], axis=-1)
         weighed = columns * weight[..., None, None]
         normal = np.einsum("bnki,bnkj->bij", weighed, columns, optimize=True) + _RIDGE * np.eye(9)
         step = np.linalg.solve(normal, np.einsum("bnki,bnk->bi", weighed, off)[..., None])[..., 0]
         tool_mm = np.clip(tool_mm + step[:, 6:], -_REACH_MM, _REACH_MM)
-    return np.asarray(np.sqrt(best))
+    return np.sqrt(best), best_tool, best_off

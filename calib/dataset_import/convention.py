@@ -153,6 +153,8 @@ def settled(
     as_it_is = Settled(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
         report.notes.append(f"{asked.robot.robot.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
+    if asked.robot.robot.is_cartesian:
+        return as_it_is
     if sheet is None or sample is None or len(sample.q) < FEWEST_POSES or not sample.spread_mm > 0.0:
         if not any(each.asked for each in readings) and len(readings) > 1:
             report.fault(_ask_for_convention(asked, readings))

@@ -24,6 +24,7 @@ _TURNS = {
     ("roll", "pitch", "yaw"): (FIXED,),
     ("rvecx", "rvecy", "rvecz"): (VECTOR,),
     ("rotx", "roty", "rotz"): (VECTOR,),
+    ("r1", "r2", "r3"): ANY_FORM,
 }
 _QUATERNIONS = (("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"))  # of the second the file does not tell the order
 _PLACES = (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"))

@@ -1,12 +1,13 @@
 """Poses of the flange in a table, in every way in which its numbers may be meant.
 
-What a camera saw at the poses tells which it is (`cartesian_poses`).
+What was measured at the poses tells which it is (`clear_reading`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,15 +15,21 @@ from calib import frames
 from calib.array_types import Array
 from calib.dataset_import.flange_columns import ANY_FORM, FIXED, VECTOR, XYZ, ZYX, ZYZ, FlangeColumns, flange_columns
 from calib.errors import CalibError
+from calib.kinematics.cartesian import joints_of_poses
 from calib.text_files.column_names import UNITS, plain, split_unit
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import UserTable
 
+CARTESIAN_JOINTS = ("q1_mm", "q2_mm", "q3_mm", "q4_deg", "q5_deg", "q6_deg")
+"""Columns of the joints of an arm that stands for poses of the flange."""
+_CLEAR = 3.0  # ratio of misfits from which one reading is clearly the right one
+_SAME_MM = 1e-3  # readings whose poses differ by less, 3D and over this many mm of a lever, are one
+_LEVER_MM = 1000.0
 _REACH_M = 20.0  # places below are metres where no unit is told
 _MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FlangePoses:
     """Poses of the flange as one reading of a file has them."""
 
@@ -45,7 +52,53 @@ def readings_of(table: UserTable, *, any_form: bool = False) -> list[FlangePoses
         )
     if any_form:
         choices = [replace(each, forms=tuple(dict.fromkeys((*each.forms, *ANY_FORM)))) for each in choices]
-    return [one for columns in choices for one in _readings(table, columns)]
+    found = [one for columns in choices for one in _readings(table, columns)]
+    if len(table) > 1 and found and not np.ptp(found[0].base_T_flange, axis=0).any():
+        raise CalibError(
+            f"{table.path}: the flange stands at one pose in all {len(table)} rows: nothing can be learned from them; "
+            "log its pose anew at each measurement"
+        )
+    return found
+
+
+def clear_reading(
+    path: Path, readings: Sequence[FlangePoses], off_mm: Sequence[float], by: str, what: str
+) -> tuple[FlangePoses, str]:
+    """The reading that misses what was measured least, with a note; CalibError where another is nearly as good.
+
+    by, what: by what it is told, and what is missed, as "what the camera saw" and "the board".
+    """
+    best = int(np.argmin(off_mm))
+    others = [off for one, off in zip(readings, off_mm, strict=True) if not _is_same(one, readings[best])]
+    if others and min(others) < _CLEAR * off_mm[best]:
+        raise CalibError(
+            f"{path}: the attitudes may be meant in several ways, and {by} does not tell which: the best miss {what} "
+            f"by {off_mm[best]:.3g} and {min(others):.3g} mm; name the columns rvec_x, rvec_y, rvec_z, or roll, pitch, "
+            "yaw, or a, b, c, or qw, qx, qy, qz, and check that both are of one run"
+        )
+    note = f"{path}: {readings[best].form}"
+    if others:
+        note += f"; so the arm misses {what} by {off_mm[best]:.3g} mm rms, otherwise by {min(others):.3g} mm and more"
+    return readings[best], note
+
+
+def _is_same(one: FlangePoses, other: FlangePoses) -> bool:
+    a, b = one.base_T_flange, other.base_T_flange
+    turned = np.abs(a[:, :3, :3] - b[:, :3, :3]).max() * _LEVER_MM
+    return bool(max(turned, np.abs(a[:, :3, 3] - b[:, :3, 3]).max()) < _SAME_MM)
+
+
+def joints_in_place(table: UserTable, chosen: FlangePoses) -> UserTable:
+    """Table with the joints of an arm that stands for the poses in place of the columns that they were read from."""
+    q = joints_of_poses(chosen.base_T_flange)
+    kept = [k for k, name in enumerate(table.columns) if name not in chosen.columns]
+    values = np.concatenate([q[:, :3], np.degrees(q[:, 3:])], axis=1)
+    columns = (*(table.columns[k] for k in kept), *CARTESIAN_JOINTS)
+    rows = tuple(
+        (*(cells[k] for k in kept), *map(repr, of_row.tolist()))
+        for cells, of_row in zip(table.rows, values, strict=True)
+    )
+    return replace(table, columns=columns, rows=rows, has_header=True)
 
 
 def _by_number(table: UserTable) -> list[FlangeColumns]:

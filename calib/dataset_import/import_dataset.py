@@ -15,6 +15,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
 from calib.dataset_import.columns import Meaning
+from calib.dataset_import.flange_import import plan_of_flange_poses
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.user_files import BOTH, POINTS, UserFiles, is_workbook, look_through, of_workbook
 from calib.dataset_import.writing import written
@@ -52,6 +53,7 @@ class ImportChoice:
     edge_mm: float | None = None  # of the jig in scans
     skip_bad_rows: bool = False
     measured: MeasuredChoice | None = None  # what a plug-in is to measure
+    flange_poses: Path | None = None  # in place of joint values
 
 
 def plan_of_files(files: UserFiles, choice: ImportChoice, on_progress: OnProgress | None = None) -> ImportPlan:
@@ -75,6 +77,8 @@ def plan_of_files(files: UserFiles, choice: ImportChoice, on_progress: OnProgres
         tool_mm=choice.tool_mm, tool_mass_kg=choice.tool_mass_kg, edge_mm=choice.edge_mm,
         skip_bad_rows=choice.skip_bad_rows,
     )  # fmt: skip
+    if choice.flange_poses is not None and choice.measured is None:
+        return plan_of_flange_poses(replace(sources, points=choice.points), choice.flange_poses)
     if choice.measured is not None:
         if sources.faults:
             raise CalibError(sources.faults[0])

@@ -23,6 +23,7 @@ from calib.dataset_import.bad_rows import (
 )
 from calib.dataset_import.columns import Meaning, are_names
 from calib.dataset_import.convention import Sheet, has_known_unit, settled, with_told_commands
+from calib.dataset_import.drives import drives_in_words
 from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.measured import MeasuredPoses
@@ -165,6 +166,9 @@ def plan_import(sources: ImportSources) -> ImportPlan:
             return planning.plan()
     planning = _Planning(sources)
     plan = planning.of_rows()
+    if plan.content is None and sources.points is None and sources.measured is None:
+        read = [f"{each.path}: {line}" for each in _tables_with_rows(sources) for line in drives_in_words(each)]
+        plan = replace(plan, faults=(*plan.faults, *read))
     bad = planning.report.row_faults
     if not bad:
         return plan

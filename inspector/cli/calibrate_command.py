@@ -8,8 +8,10 @@ from pathlib import Path
 
 from calib.calibration.plausibility import fit_without_outliers, implausibility_reason
 from calib.calibration.result import Calibration
+from calib.consistency.flange_fit import bad_rows, flange_fit, poorly_known_sentence, tool_sentence
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
+from calib.dataset.repeats import without_poses
 from calib.diagnosis.effect_selection import FitStep, first_step
 from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import effects_named
@@ -29,6 +31,8 @@ from calib.present.fit.calibration import (
     table_document,
 )
 from calib.present.fit.errors import step_table
+from calib.present.results import to_dict
+from calib.rendering import numbers
 from calib.rendering.text import block_text
 from calib.robot_formats.calibrated_file import kept_template
 from calib.robot_formats.robot_form import forms_of, template_suffixes
@@ -73,6 +77,8 @@ def run_calibrate(options: CalibrateOptions) -> int:
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
     templates = _templates(options, dataset)
     dataset = measured(dataset, options.residual)
+    bad = bad_rows(dataset) if dataset.robot.is_cartesian and options.residual == "position" else {}
+    dataset = without_poses(dataset, tuple(bad)) if bad else dataset
     begun = next((fit for added in options.added if (fit := added.fit(dataset)) is not None), None)
     steps = _steps(options, dataset) if begun is None else (first_step(begun),)
     result = steps[-1].calibration
@@ -91,6 +97,13 @@ def run_calibrate(options: CalibrateOptions) -> int:
         document[key] = {"changed": robot_file.changed, "left_out": table.left_out, "notes": robot_file.notes}
     document["warnings"] = [*document["warnings"], *filter(None, [hint])]
     text = "\n".join(filter(None, [_calibration_text(steps, table), hint, said]))
+    tool = flange_fit(result)
+    if tool is not None:
+        document |= {**to_dict(tool), "bad_rows": [{"pose": pose, "off_mm": off_mm} for pose, off_mm in bad.items()]}
+        left_out = (
+            [f"left out as bad rows: {numbers.listing([f'{n} ({mm:.3g} mm)' for n, mm in bad.items()])}"] if bad else []
+        )
+        text = "\n".join(filter(None, [text, tool_sentence(tool), poorly_known_sentence(tool), *left_out]))
     for added in options.added:
         keys, words = added.told(result)
         document |= keys

@@ -56,7 +56,6 @@ EXTRA_OF = {
     "--hand-eye-out": "camera",
     "--images": "camera",
     "--marker-poses": "camera",
-    "--flange-poses": "camera",
 }
 """The extra that brings each command or option which is not core's, for who asks where it is not there."""
 

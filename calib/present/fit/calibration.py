@@ -19,11 +19,13 @@ from calib.calibration.result import Calibration
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries, taken_up_by_links
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
+from calib.consistency.flange_fit import FlangeFit
 from calib.consistency.leading_entry import leading_entry
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.headline import headline_of
 from calib.effects.gravity import has_masses, tells_tool_mass
 from calib.fitting.tool_point import ToolShift
+from calib.frames import rpy_from_rotation
 from calib.identifiability.structural import redundancy_of
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
@@ -162,6 +164,18 @@ def _place_document(place: Mount | CameraPlace) -> dict[str, Any]:
         of_place = ("setup", "parent", "parent_T_camera", "board_parent", "board_parent_T_board", "covariance")
     with_table = _sigma_document(place.covariance_with_table)
     return {**keys_of(place, *of_place), **_sigma_document(place.covariance), "with_table": with_table}
+
+
+@document.register
+def _flange_document(found: FlangeFit) -> dict[str, Any]:
+    frame = found.instrument_T_base
+    of_base: dict[str, Any] = {"base_frame": None}
+    if frame is not None:
+        rpy_deg = np.degrees(rpy_from_rotation(frame[:3, :3]))
+        sigma_mm, turn_sigma_deg = found.base_sigma[:3], np.degrees(found.base_sigma[3:])
+        place = {"instrument_T_base": frame, "xyz_mm": frame[:3, 3], "rpy_deg": rpy_deg}
+        of_base["base_frame"] = place | {"sigma_mm": sigma_mm, "turn_sigma_deg": turn_sigma_deg}
+    return {"tool_point_mm": found.tool_point_mm, "tool_point_sigma_mm": found.tool_sigma_mm} | of_base
 
 
 def _sigma_document(covariance: Array) -> dict[str, Any]:

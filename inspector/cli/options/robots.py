@@ -45,6 +45,10 @@ class ImportOptions(RobotFileOptions):
     robot: str | None = option(f"a robot's file, or {' or '.join(BUILTIN_ROBOTS)}", metavar="FILE|NAME")
     joints: Path | None = option("joint values, a row a pose, or a recording (.bag, .mcap, log.csv ...)")
     points: Path | None = option("measured points (default: in --joints); FILE#TOPIC of a bag")
+    flange_poses: Path | None = option(
+        "poses of the flange as the controller tells them, in place of --robot and --joints: with --points, or alone "
+        "at one tip that was visited, the tool point is found, with what a camera saw the camera's place"
+    )
     scans: Path | None = option("point clouds, a file a pose", metavar="FOLDER")
     map: Sequence[str] = several(
         "what a column means: q1_deg, -q2_rad, q3_deg+90, x_mm, pose, role, ignore ...; several times",

@@ -33,8 +33,12 @@ from inspector.export.import_document import plan_document, plan_lines, question
 def run_import(options: ImportOptions) -> int:
     """Make a dataset folder from a user's files."""
     choice = _choice(options)
-    if options.source is None and choice.measured is None and (options.robot is None or options.joints is None):
-        raise CalibError("give --robot and --joints, or --from with a zip or a folder that holds them")
+    is_named = options.robot is not None and options.joints is not None
+    if options.source is None and choice.measured is None and not is_named and options.flange_poses is None:
+        raise CalibError(
+            "give --robot and --joints, --flange-poses with --points or alone, or --from with a zip or a folder that "
+            "holds them"
+        )
     if not options.dry_run:
         require_free(options.path)
     given = nullcontext(_named(options)) if options.source is None else unpacked(options.source)
@@ -72,6 +76,7 @@ def _choice(options: ImportOptions) -> ImportChoice:
         options.robot, reading, options.joints, options.points, parsed_mapping(options.map),
         point_sigma_mm=options.sigma, place_sigma_mm=options.place_sigma, tool_mm=options.tool,
         tool_mass_kg=options.tool_mass, edge_mm=options.edge, skip_bad_rows=options.skip_bad_rows,
+        flange_poses=options.flange_poses,
     )  # fmt: skip
     for added in options.added:
         choice = added.chosen(choice)
@@ -113,7 +118,8 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 def _next_step(options: ImportOptions) -> str:
     """Command that a user would give next."""
-    return f"inspector {'diagnose' if _choice(options).measured is None else 'calibrate'} {options.path}"
+    fits = options.flange_poses is not None or _choice(options).measured is not None
+    return f"inspector {'calibrate' if fits else 'diagnose'} {options.path}"
 
 
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:

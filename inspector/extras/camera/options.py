@@ -52,9 +52,5 @@ class CameraOptions:
         "poses of a marker in the camera's frame that another program measured: CSV, YAML of ROS or easy_handeye, "
         "OpenCV's files",
     )
-    flange_poses: Path | None = option(
-        "poses of the flange as the controller tells them, in place of --robot and --joints: the camera's place "
-        "is found, and nothing of the links",
-    )
     length_unit: str | None = option("of those poses, where the file does not tell", choices=("mm", "cm", "m"))
     mount: str | None = option("where the camera is (default: what the poses clearly show)", choices=("flange", "room"))

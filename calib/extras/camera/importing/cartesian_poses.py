@@ -6,27 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from calib import frames
-from calib.array_types import Array
 from calib.dataset_import.columns import Meaning, recognise
 from calib.dataset_import.flange_columns import has_flange_poses
-from calib.dataset_import.flange_poses import FlangePoses, readings_of
+from calib.dataset_import.flange_poses import FlangePoses, clear_reading, joints_in_place, readings_of
 from calib.errors import CalibError
 from calib.extras.camera.board_hand_eye import misfit_mm
 from calib.extras.camera.importing.camera_views import MOUNTS, CameraChoice, CameraPoints
 from calib.extras.camera.importing.documents import SUFFIXES
 from calib.extras.camera.importing.marker_poses import EASY_HANDEYE, MarkerPoses, load_flange_poses
-from calib.kinematics.cartesian import cartesian_arm, joints_of_poses
+from calib.kinematics.cartesian import cartesian_arm
 from calib.kinematics.robot import Robot
 from calib.text_files.user_table import UserTable, load_table
 
-_CLEAR = 3.0  # ratio of misfits from which one reading is clearly the right one
-_SAME_MM = 1e-3  # readings whose poses differ by less, 3D and over this many mm of a lever, are one
-_LEVER_MM = 1000.0
 _FEWEST_JOINTS = 5
-_NAMES = ("q1_mm", "q2_mm", "q3_mm", "q4_deg", "q5_deg", "q6_deg")
 
 
 @dataclass(frozen=True)
@@ -103,23 +96,8 @@ def joints_table(
     for one in readings:
         poses = one.base_T_flange[row]
         off_mm.append(min(misfit_mm(poses, camera.camera_T_board, on_flange=mount == "flange") for mount in mounts))
-    best = int(np.argmin(off_mm))
-    others = [
-        off for one, off in zip(readings, off_mm, strict=True)
-        if not _same(one.base_T_flange, readings[best].base_T_flange)
-    ]  # fmt: skip
-    path, chosen = arm.table.path, readings[best]
-    if others and min(others) < _CLEAR * off_mm[best]:
-        raise CalibError(
-            f"{path}: the attitudes may be meant in several ways, and what the camera saw does not tell which: the "
-            f"best miss the board by {off_mm[best]:.3g} and {min(others):.3g} mm; name the columns rvec_x, rvec_y, "
-            "rvec_z, or roll, pitch, yaw, or a, b, c, or qw, qx, qy, qz, and check that poses and images are of one run"
-        )
-    note = f"{path}: {chosen.form}"
-    if others:
-        note += (
-            f"; so the arm misses the board by {off_mm[best]:.3g} mm rms, otherwise by {min(others):.3g} mm and more"
-        )
+    path = arm.table.path
+    chosen, note = clear_reading(path, readings, off_mm, "what the camera saw", "the board")
     doubts = []
     if given is not None:
         doubts.append(
@@ -132,21 +110,4 @@ def joints_table(
             "number shows: give --mount room if it does"
         )
     robot = cartesian_arm(given.name if given is not None else "poses of the flange")
-    return robot, _table(arm.table, chosen, joints_of_poses(chosen.base_T_flange)), [note], doubts
-
-
-def _same(a: Array, b: Array) -> bool:
-    turned = np.abs(a[:, :3, :3] - b[:, :3, :3]).max() * _LEVER_MM
-    return bool(max(turned, np.abs(a[:, :3, 3] - b[:, :3, 3]).max()) < _SAME_MM)
-
-
-def _table(table: UserTable, chosen: FlangePoses, q: Array) -> UserTable:
-    """Table with joint values in place of the columns that the poses were read from."""
-    kept = [k for k, name in enumerate(table.columns) if name not in chosen.columns]
-    values = np.concatenate([q[:, :3], np.degrees(q[:, 3:])], axis=1)
-    columns = (*(table.columns[k] for k in kept), *_NAMES)
-    rows = tuple(
-        (*(cells[k] for k in kept), *map(repr, of_row.tolist()))
-        for cells, of_row in zip(table.rows, values, strict=True)
-    )
-    return replace(table, columns=columns, rows=rows, has_header=True)
+    return robot, joints_in_place(arm.table, chosen), [note], doubts

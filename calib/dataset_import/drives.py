@@ -1,0 +1,95 @@
+"""What drives do by their own readings: joints as commanded against joints as read, without any measured point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.dataset_import.columns import words_of
+from calib.dataset_import.units import ANGLES_RAD
+from calib.rendering import numbers
+from calib.text_files.column_names import split_unit
+from calib.text_files.csv_text import as_number
+from calib.text_files.user_table import UserTable
+
+_COMMANDED = frozenset({"target", "commanded", "command", "cmd", "desired", "goal", "set", "setpoint", "soll"})
+_READ = frozenset({"actual", "read", "measured", "feedback", "fb", "is", "ist", "present", "state"})
+_FEWEST = 4
+_TWICE = 2.0  # times what the best law leaves, up to which another fits as well
+_LEAST_DEG = 0.02  # of a difference worth a word
+
+
+@dataclass(frozen=True)
+class DriveLaw:
+    """A law of what a joint reads less what it was commanded, with its one fitted number."""
+
+    name: str  # "a spring against gravity, 39.2 deg x sin(angle)"
+    left_deg: float  # root mean square
+    error_deg: Array  # (361,) of the law at -180 to 180 deg that are read
+
+
+def drives_in_words(table: UserTable) -> list[str]:
+    """A line for each joint that a table has as commanded and as read: which laws fit, and what tells them apart."""
+    return [line for joint, commanded, read in _pairs(table) if (line := _told(joint, commanded, read))]
+
+
+def _pairs(table: UserTable) -> Iterator[tuple[str, Array, Array]]:
+    """Name, commanded and read angles (N,), deg, of each joint."""
+    named: dict[tuple[str, ...], dict[str, str]] = {}
+    for name in table.columns:
+        words = words_of(split_unit(name)[0])
+        for kind, known in (("commanded", _COMMANDED), ("read", _READ)):
+            if words & known:
+                named.setdefault(tuple(sorted(words - known)), {})[kind] = name
+    for found in named.values():
+        if len(found) == 2:
+            unit = split_unit(found["read"])[1]
+            each = [np.array([as_number(cell) or np.nan for cell in table.text(found[key])]) for key in found]
+            scale = np.degrees(ANGLES_RAD.get(unit, ANGLES_RAD["deg"]))
+            values = dict(zip(found, each, strict=True))
+            kept = np.isfinite(each[0]) & np.isfinite(each[1])
+            yield found["read"], values["commanded"][kept] * scale, values["read"][kept] * scale
+
+
+def _told(joint: str, commanded: Array, read: Array) -> str:
+    off = read - commanded
+    if len(off) < _FEWEST or np.abs(off).max() < _LEAST_DEG:
+        return ""
+    laws = sorted(_laws(commanded, read), key=lambda law: law.left_deg)
+    near = [law for law in laws if law.left_deg <= _TWICE * laws[0].left_deg + _LEAST_DEG]
+    fits = numbers.listing([f"{law.name} leaves {law.left_deg:.2g} deg" for law in near])
+    text = f"{joint} is {np.abs(off).min():.3g} to {np.abs(off).max():.3g} deg from what was commanded: {fits} rms"
+    if len(near) < len(laws):
+        text += f", the next, {laws[len(near)].name}, {laws[len(near)].left_deg:.2g}"
+    if len(near) < 2:
+        return text
+    apart = np.abs(near[0].error_deg - near[1].error_deg)
+    angle = int(np.argmax(apart)) - 180
+    return (
+        f"{text}: {len(off)} poses do not tell them apart; one that reads {angle:d} deg would, where they differ by "
+        f"{apart.max():.3g} deg"
+    )
+
+
+def _laws(commanded: Array, read: Array) -> Iterator[DriveLaw]:
+    """Laws of one number each, fitted by least squares."""
+    off, at = read - commanded, np.arange(-180.0, 181.0)
+    scale = float(commanded @ read / (commanded @ commanded))
+    yield DriveLaw(f"a scale of {scale:.3g}", _rms(read - scale * commanded), at * (1.0 - 1.0 / scale))
+    yield DriveLaw(f"a zero that is off by {off.mean():.3g} deg", _rms(off - off.mean()), np.full(361, off.mean()))
+    for name, function in (("sin", np.sin), ("cos", np.cos)):
+        lever = function(np.radians(read))
+        droop = float(lever @ off) / max(float(lever @ lever), 1e-12)
+        words = f"a spring against gravity, {-droop:.3g} deg x {name}(angle),"
+        yield DriveLaw(words, _rms(off - droop * lever), droop * function(np.radians(at)))
+    way = np.sign(np.diff(commanded, prepend=commanded[0] - (commanded[1] - commanded[0])))
+    if len(set(way.tolist())) > 1:
+        band = float(way @ off) / max(float(way @ way), 1.0)
+        yield DriveLaw(f"a dead band of {2.0 * abs(band):.3g} deg", _rms(off - band * way), np.full(361, band))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.sum(values**2) / max(len(values) - 1, 1)))
