@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from calib.dataset.dataset import Poses
+from calib.kinematics.robot import Robot
 
 OF_JOINTS = ("q", "torque", "approach")  # inputs that every joint has, its number behind the name
 CONDITIONS: Mapping[str, tuple[float, float]] = {
@@ -87,3 +88,15 @@ def column_input(column: str) -> str:
 def further_inputs(poses: Poses) -> dict[str, str]:
     """Names of the further columns of poses.csv, by input name."""
     return {column_input(column): column for column in poses.extra.names}
+
+
+def input_unit(name: str, robot: Robot) -> str:
+    """Unit in which people read an input: deg, mm, Nm, C, s, kg; "" for a side, the order and a user's own column."""
+    if (way := history_input(name)) is not None:
+        of_joint = "deg" if robot.joints[way.joint].is_revolute else "mm"
+        return {"direction": "", "crept": "Nm"}.get(way.quantity, of_joint)
+    if (found := joint_input(name)) is not None:
+        quantity, joint = found
+        return {"q": "deg" if robot.joints[joint].is_revolute else "mm", "torque": "Nm"}.get(quantity, "")
+    units = {"temperature_c": "C", "time_s": "s", "payload_kg": "kg", **dict.fromkeys(PLACES, "mm")}
+    return units.get(name, "" if summed_joints(name) is None else "deg")  # sums are of angles only

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from calib.dataset.dataset import Dataset
-from calib.dataset.input_names import PLACES, history_input, joint_input
+from calib.dataset.input_names import PLACES, history_input, input_unit, joint_input
 from calib.effects.effect import Effect, parameters_by_name
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.rendering.blocks import Span, joined, joint, listed, plain
@@ -88,6 +88,17 @@ def input_name(name: str) -> Span:
     if name in PLACES:
         return f"{name} of the instrument's frame"
     return _CONDITIONS.get(name, name)
+
+
+def read_unit(unit: str) -> str:
+    """Unit of an input as readers know it."""
+    return {"deg": "°", "C": "°C"}.get(unit, unit)
+
+
+def input_title(name: str, robot: Robot) -> str:
+    """Title of an input with its unit: "q3" -> "joint 3 (q3), °"."""
+    unit = read_unit(input_unit(name, robot))
+    return _bare(name).removeprefix("the ") + (f", {unit}" if unit else "")
 
 
 def instrument(dataset: Dataset) -> str:

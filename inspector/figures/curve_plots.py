@@ -13,7 +13,8 @@ import plotly.graph_objects as go
 from calib.array_types import Array, BoolArray
 from calib.html_text import escape
 from calib.kinematics.robot import Robot
-from calib.present.fit.learned import input_label, read_unit
+from calib.present.fit.learned import input_label
+from calib.present.names import read_unit
 from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.style import EDGE, NOWHERE, SELECTED_COLOUR, Part, figure, listed, scatter, selects_joint
 from inspector.markup.parts.palette import NEUTRAL

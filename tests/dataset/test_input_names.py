@@ -17,8 +17,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.input_names import column_input, joint_input, quantity_of, summed_joints
 from calib.dataset_import.columns import meaning_of
 from calib.models.fitted_model import FittedModel
-from calib.present.fit.residuals import input_title
-from calib.present.names import input_name
+from calib.present.names import input_name, input_title
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import CurveModes, SmoothJointError
 from tests.support.hidden_dataset import arm

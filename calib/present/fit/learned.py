@@ -12,8 +12,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.input_names import joint_input
 from calib.effects.effect import describe
 from calib.kinematics.robot import Robot
-from calib.present.fit.residuals import input_title
-from calib.present.names import input_name
+from calib.present.names import input_name, input_title, read_unit
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Section, Table, joint, plain
 from calib.screening.curves import laws
@@ -50,7 +49,6 @@ BAND_NOTE = (
     "measured. What geometry can do too is shared between the two, so only the shape beyond that is sure."
 )
 _KNOWN_NOTE = "Known: how many of a curve's modes these data tell by themselves."
-_READ_AS = {"deg": "°", "C": "°C"}
 _FEW_WAVES = 20  # a turn, from rollers of a bearing to teeth of a gear
 _PARTS = {
     laws.LOAD: "a spring or gear that is stiffer on one part of its load than on the other makes it",
@@ -92,17 +90,9 @@ def learned_section(calibration: Calibration) -> list[Section]:
 
 
 def input_label(curve: FittedCurve, robot: Robot) -> str:
-    """A curve's input with its unit: "joint 1 angle, °"."""
-    title = input_title(curve.input, robot)
-    if curve.factor:
-        title = f"{title}; at {curve.factor} {curve.factor_size:.3g}"
-    bare = title == curve.input and curve.input_unit  # a sum of two joints' angles
-    return f"{title}, {read_unit(curve.input_unit)}" if bare else title
-
-
-def read_unit(unit: str) -> str:
-    """Unit in which a learned curve is presented to readers."""
-    return _READ_AS.get(unit, unit)
+    """A curve's input with its unit: "joint 1 (q1), °"."""
+    at = f"; at {curve.factor} {curve.factor_size:.3g}" if curve.factor else ""
+    return f"{input_title(curve.input, robot)}{at}"
 
 
 def curve_blocks(calibration: Calibration) -> list[Block]:

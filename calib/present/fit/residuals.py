@@ -11,19 +11,18 @@ from calib.array_types import Array
 from calib.calibration.noise_level import NoiseLevel
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
-from calib.dataset.input_names import PLACES, history_input, joint_input
+from calib.dataset.input_names import joint_input
 from calib.diagnosis.result import Diagnosis
 from calib.kinematics.robot import Robot
 from calib.present import names
 from calib.present.effects import model_name
+from calib.present.names import input_title
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, FigurePlace, Paragraph, Table, joint, pose
 from calib.screening.residual_tests import STRUCTURE_LEVEL, InputTest, ResidualTests, run_residual_tests
 
 LENGTH = "error length"
 AXES = {f"error in {axis} of the instrument": k for k, axis in enumerate("xyz")}
-UNITS = {"payload_kg": "kg", "temperature_c": "°C", "time_s": "s", "x": "mm", "y": "mm", "z": "mm"}
-NAMES = {"payload_kg": "payload", "temperature_c": "temperature", "time_s": "time", "order": "order of measuring"}
 
 
 _LISTED_INPUTS = 5  # the strongest
@@ -49,31 +48,6 @@ def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
         if of.any()
     ]
     return f"{grey} By their length, {numbers.listing(counts)} are off by more."
-
-
-def input_title(name: str, robot: Robot) -> str:
-    """Title of an input with its unit: "q3" -> "joint 3 angle, °"."""
-    of_joint = joint_input(name)
-    if of_joint is not None:
-        quantity, joint = of_joint
-        angle = "angle, °" if robot.joints[joint].is_revolute else "position, mm"
-        what = {"q": angle, "torque": "gravity torque, Nm", "approach": "approach (−1 or 1)"}[quantity]
-        return f"joint {joint + 1} {what}"
-    way = history_input(name)
-    if way is not None:
-        unit = "°" if robot.joints[way.joint].is_revolute else "mm"
-        last = f"the last {way.reach} {way.unit}"
-        return {
-            "travel": f"joint {way.joint + 1} way from the pose before, {unit}",
-            "previous": f"joint {way.joint + 1} at the pose before, {unit}",
-            "travelled": f"joint {way.joint + 1} way gone, {unit}",
-            "direction": f"joint {way.joint + 1} direction (−1 or 1)",
-            "crept": f"joint {way.joint + 1} load of {last}, Nm",
-            "lagged": f"joint {way.joint + 1} way from where it was in {last}, {unit}",
-        }[way.quantity]
-    if name in PLACES:
-        return f"place {name} in the instrument's frame, mm"
-    return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
 
 
 def turned(name: str, values: Array, robot: Robot) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.calibration.result import Calibration
-from calib.dataset.input_names import history_input, joint_input, summed_joints
+from calib.dataset.input_names import input_unit
 from calib.effects.effect import full_name
 from calib.screening.curves.smooth_joint_error import (
     CouplingModes,
@@ -109,7 +109,7 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
             joint=member.joint,
             is_revolute=model.robot.joints[member.joint].is_revolute,
             input=member.modes.input,
-            input_unit=input_unit(member.modes.input, calibration),
+            input_unit=input_unit(member.modes.input, model.robot),
             u=u,
             value=modes @ fit.x[own],
             sigma=np.sqrt(np.maximum(variance, 0.0)),
@@ -135,7 +135,7 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
     modes = member.modes
     if not isinstance(modes, FormulaModes):
         return ""
-    unit = input_unit(modes.input, calibration)
+    unit = input_unit(modes.input, calibration.model.robot)
     scale = 180.0 / np.pi if unit == "deg" else 1.0
 
     def in_words(term: FormulaTerm) -> str:
@@ -157,18 +157,3 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
 def _peak(member: SmoothJointError) -> float | None:
     terms = member.modes.terms if isinstance(member.modes, FormulaModes) else ()
     return terms[0].place if len(terms) == 1 and terms[0].kind == "bump" else None
-
-
-def input_unit(name: str, calibration: Calibration) -> str:
-    """Unit in which people read an input: deg, mm, Nm, C, s, kg; "" for a side and a column of the user's own."""
-    of_joint = joint_input(name)
-    if of_joint is None:  # sums are of angles only
-        units = {"temperature_c": "C", "time_s": "s", "payload_kg": "kg"}
-        if (way := history_input(name)) is not None:
-            turns = calibration.model.robot.joints[way.joint].is_revolute
-            return {"direction": "", "crept": "Nm"}.get(way.quantity, "deg" if turns else "mm")
-        return units.get(name, "" if summed_joints(name) is None else "deg")
-    quantity, joint = of_joint
-    if quantity != "q":
-        return "Nm" if quantity == "torque" else ""
-    return "deg" if calibration.model.robot.joints[joint].is_revolute else "mm"

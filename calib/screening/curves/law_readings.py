@@ -12,11 +12,11 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.calibration.result import Calibration
-from calib.dataset.input_names import history_input, joint_input, quantity_of, summed_joints
+from calib.dataset.input_names import history_input, input_unit, joint_input, quantity_of, summed_joints
 from calib.effects.effect import full_name
 from calib.effects.state import RobotState
 from calib.fitting.model import point_by_state
-from calib.screening.curves.fitted_curves import input_unit, learned_members
+from calib.screening.curves.fitted_curves import learned_members
 from calib.screening.curves.laws import law_kind
 from calib.screening.curves.readings import Sweep, sweep_over
 from calib.screening.curves.smooth_joint_error import (
@@ -128,7 +128,7 @@ def _usual_values(modes: FormulaModes, calibration: Calibration) -> tuple[InputV
     values = [(modes.factor, modes.factor_size)] if modes.factor else []
     if len(modes.terms) == 1 and modes.terms[0].kind in _OVER_A_WIDTH:
         values.append((modes.input, modes.terms[0].width))
-    told = (InputValue(name, value, input_unit(name, calibration)) for name, value in values)
+    told = (InputValue(name, value, input_unit(name, calibration.model.robot)) for name, value in values)
     return tuple(one for one in told if one.unit)
 
 

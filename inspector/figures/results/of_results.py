@@ -21,7 +21,8 @@ from calib.intervention.proof import Intervention
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from calib.planning.plan import Plan
-from calib.present.fit.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
+from calib.present.fit.residuals import AXES, LENGTH, joint_title, shown, turned
+from calib.present.names import input_title
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.validation.learning_curve import LearningCurve
 from inspector.figures import curve_plots, plots, residual_plots

@@ -6,7 +6,8 @@ import viser
 
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.pose_errors import PoseErrors, pose_errors_at, running_median
-from calib.present.fit.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned, worst_poses
+from calib.present.fit.residuals import AXES, LENGTH, band_note, joint_title, shown, turned, worst_poses
+from calib.present.names import input_title
 from calib.rendering import html
 from calib.rendering.blocks import Section
 from calib.screening.scan_statistic import Channel

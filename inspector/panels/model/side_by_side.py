@@ -5,7 +5,8 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.result import Calibration
-from calib.present.fit.residuals import input_title, turned
+from calib.present.fit.residuals import turned
+from calib.present.names import input_title
 from calib.present.over_time.comparison import comparison_head, errors, parameters
 from calib.rendering import html
 from inspector.figures.residual_plots import errors_beside

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -441,7 +442,11 @@ def test_diagnose_has_the_promised_keys_and_names_the_cause(hidden_folder: Path)
     assert {"input", "p_value"} <= set(leftover["inputs"][0])
     assert leftover["outlier_poses"] == []
     assert "transmission_error" in document["explanation"]
-    assert "Verdict: What is missing is the transmission error" in printed("diagnose", hidden_folder)
+    brief, whole = printed("diagnose", hidden_folder), printed("diagnose", hidden_folder, "--verbose")
+    assert "Verdict: What is missing is the transmission error" in brief
+    assert len([line for told in brief.splitlines() for line in textwrap.wrap(told, 120)]) <= 25
+    assert "How the verdict was reached" in whole
+    assert set(brief.splitlines()[:4]) < set(whole.splitlines())
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from calib.present.effects import not_testable
-from calib.present.fit.residuals import input_title
+from calib.present.names import input_title
 from calib.screening.candidates import Untestable
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
@@ -189,9 +189,9 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
     assert residual_tests.structured  # so it opens there
     assert page.value("Against") == input_title(first.input, session(app).dataset.robot)
     assert first.channel.name in page.value("Show")  # "joint 2" in "apparent motion of joint 2, millidegrees"
-    page.set("Against", "joint 1 angle, °")
+    page.set("Against", "joint 1 (q1), °")
     page.set("Show", "error length")
-    page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
+    page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 (q1), °", "error length, mm"))
     for name, rows in (("training", ~pose_errors.is_test), ("test", pose_errors.is_test)):
         assert left_plot(page)[name]["y"] == pytest.approx(pose_errors.error_length_mm[rows].tolist())
     assert len(page.props("Against")["options"]) == len(pose_errors.inputs) + 1
