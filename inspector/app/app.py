@@ -90,9 +90,7 @@ class App:
             select=self.select, drawing=lambda: self.worker.running("select"),
         )  # fmt: skip
         self._watch = Watch(user_effects, self.effects)
-        self.downloads = Downloads(
-            self.state, lambda: self.stage.view_name, lambda: self.model.steps, self.worker, panels.downloads, root
-        )
+        self.downloads = Downloads(self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root)
         self.imports = Imports(
             server, data, panels.own_data, self.worker, on_made=self._imported, on_session=self._open_session
         )

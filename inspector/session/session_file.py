@@ -1,4 +1,4 @@
-"""Session files: the dataset, the model's steps with their figures, undo, and the page's selections. JSON, version 1.
+"""Session files: the dataset, the model's steps with their figures, and the page's selections. JSON, version 1.
 
 No figure in it is believed: the fits are done again from the dataset, and where its files or the figures are not those
 of before, that is said. It names a dataset by folder and content; only one at or below the folder that the user serves
@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,7 +30,6 @@ from inspector.session.session import Session, StepErrors, asked_out
 KIND, VERSION = "robot-calibration-inspector session", 1
 POSITION = "position"
 FIGURES = ("train_rmse_mm", "test_rmse_mm", "sigma_mm")  # of a step, mm
-Places = Annotated[tuple[int, ...], Meta(max_length=LIST_LIMIT)]  # of steps in a list
 
 
 class SessionFileError(CalibError):
@@ -79,17 +77,9 @@ class SavedStep(msgspec.Struct, frozen=True):
 
 
 class SavedModel(msgspec.Struct, frozen=True):
-    """A model that undo or redo leads to: its steps, the nominal robot first."""
+    """A model that undo leads to after a session was opened: its steps, the nominal robot first."""
 
     history: tuple[SavedStep, ...]
-
-
-class SavedUndo(msgspec.Struct, frozen=True):
-    """Models that undo and redo lead to, each as indices into `steps`; the last of each list is restored next."""
-
-    steps: Annotated[tuple[SavedStep, ...], Meta(max_length=LIST_LIMIT)] = ()
-    past: Annotated[tuple[Places, ...], Meta(max_length=LIST_LIMIT)] = ()
-    future: Annotated[tuple[Places, ...], Meta(max_length=LIST_LIMIT)] = ()
 
 
 class SavedDataset(msgspec.Struct, frozen=True):
@@ -109,7 +99,6 @@ class _Document(msgspec.Struct, frozen=True):
     diagnosed: bool | None = None
     left_out: Texts = ()  # ids of poses, as asked
     new_setups: Texts = ()  # ids of poses, as asked
-    undo: SavedUndo = SavedUndo()
     program_version: Text = ""
     origin: SavedOrigin = SavedOrigin()
 
@@ -127,8 +116,6 @@ class Saved:
     shown: Shown
     left_out: tuple[str, ...] = ()  # ids of poses that count for nothing, as asked
     new_setups: tuple[str, ...] = ()  # ids of poses from which on the instrument stands elsewhere, as asked
-    past: tuple[SavedModel, ...] = ()  # that undo leads to, the last first
-    future: tuple[SavedModel, ...] = ()
 
 
 # ---- writing --------------------------------------------------------------------------------------------------------
@@ -139,13 +126,10 @@ def session_text(
     *,
     beside: Path,
     shown: Shown = NOTHING_SHOWN,
-    past: Sequence[Session | SavedModel] = (),
-    future: Sequence[Session | SavedModel] = (),
 ) -> str:
     """Text of the session file.
 
     beside: the folder that the dataset's path is told relative to.
-    past, future: what undo and redo lead to, the next last.
     """
     dataset = session.dataset
     origin = Origin.of(dataset)
@@ -164,9 +148,6 @@ def session_text(
         document["left_out"] = session.asked_out
     if dataset.new_setups:
         document["new_setups"] = dataset.new_setups
-    if past or future:
-        undo = _saved_undo(past, future)
-        document["undo"] = {"steps": list(map(_plain, undo.steps)), "past": undo.past, "future": undo.future}
     return with_escapes(json.dumps(json.loads(to_json(document)), indent=1, ensure_ascii=False)) + "\n"
 
 
@@ -220,18 +201,6 @@ def _with_figures(step: SavedStep, errors: StepErrors) -> SavedStep:
     return msgspec.structs.replace(step, **known)
 
 
-def _saved_undo(past: Sequence[Session | SavedModel], future: Sequence[Session | SavedModel]) -> SavedUndo:
-    """Saved form of undo and redo; steps that models share are written once."""
-    steps: list[SavedStep] = []
-
-    def places(entry: Session | SavedModel) -> tuple[int, ...]:
-        history = entry.history if isinstance(entry, SavedModel) else saved_history(entry)
-        steps.extend(step for step in history if step not in steps)
-        return tuple(map(steps.index, history))
-
-    return SavedUndo(past=tuple(map(places, past)), future=tuple(map(places, future)), steps=tuple(steps))
-
-
 # ---- reading --------------------------------------------------------------------------------------------------------
 
 
@@ -239,10 +208,8 @@ def load_session(path: Path) -> Saved:
     """Read a session file. Raises SessionFileError in one line that names the file and the place."""
     file = JsonFile(path, "session file", "save the session again", SessionFileError)
     document = file.checked([], file.read(KIND, VERSION), _Document)
-    undo = document.undo
-    for place, steps in ((["history"], document.history), (["undo", "steps"], undo.steps)):
-        for i, step in enumerate(steps):
-            _require_possible(file, [*place, i], step)
+    for i, step in enumerate(document.history):
+        _require_possible(file, ["history", i], step)
     dataset = document.dataset
     return Saved(
         path=path,
@@ -256,8 +223,6 @@ def load_session(path: Path) -> Saved:
         shown=document.shown,
         left_out=document.left_out,
         new_setups=document.new_setups,
-        past=_models(file, "past", undo.steps, undo.past),
-        future=_models(file, "future", undo.steps, undo.future),
     )
 
 
@@ -274,13 +239,3 @@ def _require_possible(file: JsonFile, place: Place, step: SavedStep) -> None:
             if size is None:
                 file.fail([*sizes, name], "null", "a number above 0 is needed")
         file.checked_values(sizes, effect.sizes, Size)
-
-
-def _models(file: JsonFile, key: str, steps: Sequence[SavedStep], models: Sequence[Places]) -> tuple[SavedModel, ...]:
-    """Models that undo or redo leads to. Raises SessionFileError for an index without a step."""
-    for i, places in enumerate(models):
-        wrong = next((place for place in places if not 0 <= place < len(steps)), None)
-        if wrong is not None or len(places) < 2:
-            found = "no step after the nominal robot" if wrong is None else f"step {wrong}"
-            file.fail(["undo", key, i], found, f"{len(steps)} steps are there, the first of them 0")
-    return tuple(SavedModel(tuple(steps[place] for place in places)) for places in models)

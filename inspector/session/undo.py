@@ -18,7 +18,7 @@ WHOLE = 8  # the last of them, which come back with their ranking; older ones ar
 class Undo:
     """Models of one dataset that undo and redo lead to; the last of each list is the next to be shown.
 
-    Those of a session file are fitted again when they are gone to.
+    Steps of a session file are fitted again when they are gone to.
     """
 
     past: list[Session | SavedModel] = field(default_factory=list)
@@ -26,11 +26,9 @@ class Undo:
 
     @classmethod
     def of(cls, saved: Saved) -> Undo:
-        """Undo and redo of a session file; without them, undo follows the file's history."""
-        past = saved.past
-        if not past and not saved.future:
-            past = tuple(SavedModel(saved.history[:count]) for count in range(2, len(saved.history)))
-        return cls(list(past[-UNDO_STEPS:]), list(saved.future[-UNDO_STEPS:]))
+        """Undo after a session file was opened, which goes back along the model's steps."""
+        counts = range(2, len(saved.history))[-UNDO_STEPS:]
+        return cls([SavedModel(saved.history[:count]) for count in counts])
 
     def changed(self, before: Session) -> None:
         """Store the model before a change for undo, and clear redo."""

@@ -38,7 +38,6 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from inspector.session.session_file import Shown, session_text
-from inspector.session.undo import Undo
 from inspector.session.view import View
 
 RENDER_S = 30.0  # a page that sends no picture in this time is hidden or gone
@@ -53,7 +52,6 @@ class Asked:
     view: View
     view_name: str
     root: Path
-    steps: Undo
 
     @property
     def session(self) -> Session:
@@ -73,12 +71,11 @@ class Downloads:
         self,
         state: PageState,
         view_name: Callable[[], str],
-        steps: Callable[[], Undo],
         worker: Worker,
         panel: DownloadsPanel,
         root: Path,
     ) -> None:
-        self._state, self._view_name, self._steps, self._worker = state, view_name, steps, worker
+        self._state, self._view_name, self._worker = state, view_name, worker
         self._panel, self._root = panel, root
         self._files = Background("files")
         # A page that never sends its picture keeps a thread waiting, which must not be the one that makes files.
@@ -95,9 +92,7 @@ class Downloads:
             self._worker.submit(("take", what, client.client_id), lambda: self._take(what, client))
 
     def _take(self, what: str, client: viser.ClientHandle) -> LongWork:
-        steps = self._steps()
-        undo = Undo(list(steps.past), list(steps.future))  # as it is now, whatever is done meanwhile
-        asked = Asked(self._state.now, self._view_name(), self._root, undo)
+        asked = Asked(self._state.now, self._view_name(), self._root)
         self._panel.say(f"Making: {what} …")
         try:
             if what == SCREENSHOT:
@@ -155,9 +150,7 @@ def _session(asked: Asked) -> tuple[str, bytes]:
     view = asked.view
     arrows = view.arrows if view.arrows_chosen else None
     shown = Shown(view.pose_id, asked.view_name, arrows=arrows, factor=view.factor)
-    undo = asked.steps
-    text = session_text(asked.session, beside=asked.root, shown=shown, past=undo.past, future=undo.future)
-    return "session.json", text.encode()
+    return "session.json", session_text(asked.session, beside=asked.root, shown=shown).encode()
 
 
 def _residuals(asked: Asked) -> tuple[str, bytes]:

@@ -13,8 +13,8 @@ from calib.errors import CalibError
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import reopened
-from inspector.session.session import Session, StepErrors, asked_out
-from inspector.session.session_file import SavedModel, load_session, save_session, session_text
+from inspector.session.session import Session, asked_out
+from inspector.session.session_file import SavedModel, load_session, save_session
 from inspector.session.transitions import with_pose_taken_in, with_poses_left_out
 from inspector.session.undo import UNDO_STEPS, Undo
 from tests.support.commands import answered
@@ -136,45 +136,15 @@ def test_the_session_file_keeps_it(without: Session, folder: Path, tmp_path: Pat
 # ---- undo ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_a_reopened_session_goes_back_and_forward(
-    fitted: Session, without: Session, folder: Path, tmp_path: Path
-) -> None:
-    """Through a pose left out, another residual and an effect added, to the last bit."""
-    one = with_poses_left_out(fitted, TRAIN)
-    distance = sessions.with_calibration(one, "distance")
-    added = sessions.with_effect(sessions.with_screening(without), HIDDEN)
-    path = tmp_path / "s.json"
-    path.write_text(
-        session_text(without, beside=tmp_path, past=[fitted, distance, one], future=[added]), encoding="utf-8"
-    )
-    saved = load_session(path)
-    undo, now = Undo.of(saved), opened(path, folder)
-    past = []
-    for expected in (one, distance, fitted):
-        past.append(now)
-        now = undo.move(now, -1)
-        assert np.array_equal(x(now), x(expected))
-        assert now.uncounted == expected.uncounted
-        assert now.calibration.residual == expected.calibration.residual
-    assert undo.move(now, 3) is past[0]
-    forward = undo.move(past[0], 1)
-    assert forward.effects == added.effects
-    assert np.array_equal(x(forward), x(added))
-
-
-def test_a_file_without_undo_goes_back_step_by_step(without: Session, folder: Path, tmp_path: Path) -> None:
+def test_a_reopened_session_goes_back_step_by_step_and_forward(without: Session, folder: Path, tmp_path: Path) -> None:
     save_session(tmp_path / "s.json", without)
     now, undo = opened(tmp_path / "s.json", folder), Undo.of(load_session(tmp_path / "s.json"))
-    assert undo.move(now, -1).uncounted == {TRAIN}
-    assert len(undo.past) == 1
-    assert len(undo.future) == 1
+    before = undo.move(now, -1)
+    assert before.uncounted == {TRAIN}
+    assert undo.move(before, 1) is now
 
 
 def test_a_saved_model_that_does_not_fit_any_more_is_told_and_forgotten(without: Session) -> None:
-    first = StepErrors("nominal", 1.0, 1.0, 1.0)
-    text = session_text(without, beside=Path(), past=[without])
-    assert first.label in text
     other = Undo([SavedModel(history=_of_another_dataset(without))])
     with pytest.raises(CalibError, match="no pose named"):
         other.move(without, -1)
