@@ -31,6 +31,7 @@ SPECIAL_CASE_OVERLAP = 0.95  # share of what an effect explains that a special c
 CURVES_SHARE = 1.1  # how many times the evidence of a cause of one place or pose curves need to take its place
 MAX_WORSENING = 0.5  # standard errors by which a first effect may not raise the test poses' squared error
 MIN_LEAD_OVER_TEST = 4.0  # log Bayes factor, below which a first effect may not raise that error at all
+_RIVALS = 3  # that are looked at
 MIN_GAIN = 1.0  # standard errors by which an effect has to lower the squared error of poses that no fit used
 
 
@@ -126,6 +127,19 @@ def is_tied(own: Candidate, rival: Candidate) -> bool:
     if is_simpler(own, rival):
         return False
     return are_aligned(own, rival) and rival.log_evidence > own.log_evidence - behind
+
+
+def led_rivals(best: Candidate, screening: Screening) -> tuple[Candidate, ...]:
+    """The few next candidates that a candidate leads, and that could explain what it explains."""
+    rivals = [
+        c
+        for c in screening.candidates
+        if best.overlaps.get(c.name, 0.0) > MIN_CONFOUNDED_OVERLAP
+        and best.log_evidence - c.log_evidence > MIN_LOG_BAYES_FACTOR
+        and c.members
+        and c.log_evidence > 0.0
+    ]
+    return tuple(rivals[:_RIVALS])
 
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:

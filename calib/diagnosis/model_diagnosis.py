@@ -9,16 +9,17 @@ from itertools import pairwise
 from calib.calibration.held_out import held_out_test
 from calib.calibration.promise import learned_discrepancy
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import equivalent_to
+from calib.diagnosis.decision_rules import equivalent_to, led_rivals
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.moves import Stop, Tie, next_effect, straight_steps
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, without_one
-from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
-from calib.screening.candidates import screening_of
+from calib.diagnosis.verdict import ConfoundedSet, HangingEffect, LearnedModel
+from calib.screening.candidates import Candidate, Screening, screening_of
 from calib.screening.curves.law_search import FoundLaws
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text, is_law
 from calib.screening.left_out import far_test_poses
+from calib.screening.leverage import pose_that_carries
 from calib.screening.noise_likelihood import scatter_of_repeats
 from calib.screening.noise_search import AddedEffect, ShownNoise, first_unproven
 from calib.screening.projected_residual import project_residual
@@ -61,26 +62,40 @@ def diagnosis_of_model(
     )
     if stop.implausible:
         return diagnosis
-    return replace(diagnosis, no_more_than_drift=_no_more_than_drift(space, diagnosis))
-
-
-def _no_more_than_drift(space: SearchSpace, diagnosis: Diagnosis) -> AddedEffect | None:
-    """First effect of the model that an instrument drift explains as well; None where there is none.
-
-    Each effect of the model is weighed given all others, since one that was added first may have had to stand in for
-    those that came later, and the drift of that moment for them as well.
-    """
-    noise = diagnosis.calibration.options.noise
-    if noise is not None and noise.wander is not None:
-        return None  # the drift is part of the noise already
-    last = diagnosis.steps[-1]
+    # Each effect is weighed given all others: one that was added first may have had to stand in for later ones, and a
+    # drift of the instrument for them as well.
     weighed = [
-        AddedEffect(effect.name, candidate.log_evidence, without.screening.projected)
+        (candidate, without.screening)
         for k, effect in enumerate(last.selected)
         if (without := _before(space, diagnosis, k)).screening is not None
         and (candidate := without.candidate_named(effect.name)) is not None
     ]
-    return first_unproven(weighed, diagnosis.all_tests.outlier_poses)
+    return replace(
+        diagnosis, no_more_than_drift=_no_more_than_drift(diagnosis, weighed), hanging=_first_hanging(weighed)
+    )
+
+
+_Weighed = Sequence[tuple[Candidate, Screening]]
+"""Effects of a model as candidates, each with the screening of the model without it."""
+
+
+def _no_more_than_drift(diagnosis: Diagnosis, weighed: _Weighed) -> AddedEffect | None:
+    """First effect of the model that an instrument drift explains as well; None where there is none."""
+    noise = diagnosis.calibration.options.noise
+    if noise is not None and noise.wander is not None:
+        return None  # the drift is part of the noise already
+    added = [AddedEffect(one.name, one.log_evidence, screening.projected) for one, screening in weighed]
+    return first_unproven(added, diagnosis.all_tests.outlier_poses)
+
+
+def _first_hanging(weighed: _Weighed) -> HangingEffect | None:
+    """First effect of the model that a single pose carries; None where there is none."""
+    for candidate, screening in weighed:
+        if candidate.members and candidate.log_evidence > 0.0:
+            pose = pose_that_carries(candidate, led_rivals(candidate, screening), screening.projected)
+            if pose is not None:
+                return HangingEffect(candidate.name, pose)
+    return None
 
 
 def _before(space: SearchSpace, diagnosis: Diagnosis, k: int) -> FitStep:

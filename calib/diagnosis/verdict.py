@@ -95,6 +95,14 @@ class Refusal:
         return self.why != "no gain"
 
 
+@dataclass(frozen=True)
+class HangingEffect:
+    """An effect of the model, and the pose (id) without which nothing speaks for it, or another effect does as well."""
+
+    effect: str
+    pose: str
+
+
 @dataclass(frozen=True, eq=False)
 class Findings:
     """All findings of a search on a dataset, without the verdict, which `conclude` derives."""
@@ -106,6 +114,7 @@ class Findings:
     refused: Refusal | None = None
     left_to_curves: bool = False  # whether learned curves explain more than the next effect, of one place or pose
     no_more_than_drift: AddedEffect | None = None  # first effect with no more evidence than a drift of the instrument
+    hanging: HangingEffect | None = None  # first effect for which a single pose speaks alone
     held_out: HeldOutTest | None = None  # the test poses against the error that the last fit predicts for them
     far_test_poses: tuple[str, ...] = ()  # ids, off by more than any training pose left out
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
@@ -211,8 +220,8 @@ def conclude(findings: Findings) -> Conclusion:
     The first of these that holds:
 
     1. `unexplained` where the data are wrong, or where curves had to be learned (no name explains what they follow).
-    2. Where an effect has no more evidence than a correlated drift of the instrument, `ambiguous` if effects are
-       confounded, else `unexplained`.
+    2. Where an effect has no more evidence than a correlated drift of the instrument, or only by a single pose,
+       `ambiguous` if effects are confounded, else `unexplained`.
     3. `ambiguous` where effects are left of which none leads the others.
     4. `unexplained` where the residual is not noise, the test poses are off by more than predicted, or the only effect
        was refused for a reason that leaves doubt.
@@ -229,7 +238,7 @@ def conclude(findings: Findings) -> Conclusion:
     ambiguous_set = () if findings.learned is not None else confounded
     verdict = _verdict(findings, ambiguous_set)
     rest_is_noise = findings.undecided is None or _is_noise(findings.all_tests)
-    claimed = verdict != "unexplained" and not findings.unproven and rest_is_noise
+    claimed = verdict != "unexplained" and not (findings.unproven or findings.hanging) and rest_is_noise
     led = {effect.name for effect in findings.decided_steps[-1].selected} - _parts_of_open_ones(findings, confounded)
     undecided = {name for one in findings.confounded_sets if one.is_undecided for name in one.names}
     return Conclusion(
@@ -253,7 +262,7 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
     tests, refused = findings.residual_tests, findings.refused
     if findings.data_problem is not None or findings.learned is not None:
         return "unexplained"
-    if findings.unproven:
+    if findings.unproven or findings.hanging is not None:
         return "ambiguous" if ambiguous_set else "unexplained"
     if findings.undecided is not None:
         return "ambiguous"
@@ -278,8 +287,8 @@ def _reason(findings: Findings) -> str:
     """Reason why a dataset stays unexplained, the most definite first.
 
     "data" (wrong), "implausible", "fault" (of one joint), "curves" (learned), "order" (a systematic pattern), "wander"
-    (an effect is no better than a correlated drift), "size" (more than noise), "promise" (broken at the test poses) or
-    "refused".
+    (an effect is no better than a correlated drift), "size" (more than noise), "promise" (broken at the test poses),
+    "pose" (an effect hangs on a single one) or "refused".
     """
     tests = findings.residual_tests
     reasons = {
@@ -291,5 +300,6 @@ def _reason(findings: Findings) -> str:
         "wander": bool(findings.unproven) and not tests.too_large,
         "size": tests.too_large,
         "promise": findings.promise_is_broken,
+        "pose": findings.hanging is not None,
     }
     return next((reason for reason, holds in reasons.items() if holds), "refused")

@@ -169,6 +169,11 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
             return "more than noise is left, without a systematic dependence on any input."
         case "wander":
             return "a slow drift of the instrument explains it as well. Measure one pose again and again meanwhile."
+        case "pose" if diagnosis.hanging is not None:
+            return spans(
+                "only pose ", pose(diagnosis.hanging.pose), f" speaks for {title(diagnosis.hanging.effect)}: without "
+                "it nothing shows, or another cause explains as much. Measure it again, and poses like it.",
+            )  # fmt: skip
         case "promise" if diagnosis.held_out is not None and diagnosis.held_out.shows_the_model_wrong:
             return promise(diagnosis.held_out)
         case "promise":
