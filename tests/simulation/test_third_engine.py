@@ -1,13 +1,10 @@
-"""The simulator `tests/support/third_engine` agrees with itself and with the chain. How its benchmark judges."""
+"""The simulator `tests/support/third_engine` agrees with itself and with the chain."""
 
 from __future__ import annotations
 
 import ast
-import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -27,7 +24,6 @@ from tests.support.third_engine.screws import Flex, Load, Motion, stand
 from tests.support.third_engine.session import Session, draw_session
 
 ARMS = {make.name: make for make in (*FIXED, random_six(np.random.default_rng(5)))}
-ROOT = Path(__file__).parents[2]
 
 
 def drawn(make: Make, seed: int = 1, count: int = 40, **more: Any) -> Session:
@@ -177,16 +173,3 @@ def test_a_cause_is_seen_as_it_was_asked_for(law: str, monkeypatch: pytest.Monke
     assert all(1.4 < sigma < 26.0 for sigma in simulated.sigmas)
     assert noise > 0.0
     assert np.linalg.norm(shift, axis=1).max() < 0.01 * simulated.session.make.reach_mm
-
-
-# ---- its benchmark ---------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def benchmark() -> Iterator[ModuleType]:
-    """benchmarks/third_engine.py as a module."""
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    import third_engine
-
-    yield third_engine
-    sys.path.remove(str(ROOT / "benchmarks"))

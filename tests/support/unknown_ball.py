@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from calib.statistics import rms_length
 from tests.support.chains import joint, link, urdf_of
-from tests.support.scenarios import shop
 
 UR_LIKE = (
     ("0 0 0.1807", "0 0 0", "0 0 1"),
@@ -31,14 +31,6 @@ SEVEN_AXES = (
     ("0 0 0", "1.5707963 0 0", "0 0 1"),
     ("0.088 0 0", "1.5707963 0 0", "0 0 1"),
 )
-OFFSET_WRIST = (
-    ("0 0 0.2", "0 0 0", "0 0 1"),
-    ("0.05 0 0.2", "0 0 0", "0 1 0"),
-    ("0 0 0.45", "0 0 0", "0 1 0"),
-    ("0.08 0.03 0.06", "0 0 0", "1 0 0"),
-    ("0.38 0.02 0.01", "0 0 0", "0 1 0"),
-    ("0.09 0 -0.015", "0 0 0", "1 0 0"),
-)
 TIP = ("0 0.0922 0.01", "0 0 1.57")  # of link ee_link on the last
 BALL_IN_TIP_MM = np.array([50.0, -30.0, 120.0])
 
@@ -47,27 +39,10 @@ def numbers(text: str) -> np.ndarray:
     return np.array([float(part) for part in text.split()])
 
 
-def turned(rpy: np.ndarray) -> np.ndarray:
-    """(3, 3) about the fixed x, then y, then z axis."""
-    return shop.placed((0.0, 0.0, 0.0), tuple(rpy))[:3, :3]
-
-
-def about(axis: np.ndarray, angle: float) -> np.ndarray:
-    """(3, 3) by Rodrigues' formula."""
-    x, y, z = axis / np.linalg.norm(axis)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-
-
-def placed(xyz_mm: np.ndarray, turn: np.ndarray) -> np.ndarray:
+def placed(xyz_mm: np.ndarray, turn: Rotation) -> np.ndarray:
     out = np.eye(4)
-    out[:3, :3], out[:3, 3] = turn, xyz_mm
+    out[:3, :3], out[:3, 3] = turn.as_matrix(), xyz_mm
     return out
-
-
-def angle_between(one: np.ndarray, other: np.ndarray) -> float:
-    """Radians, exact for small ones."""
-    return float(2.0 * np.arcsin(min(np.linalg.norm(one - other) / np.sqrt(8.0), 1.0)))
 
 
 @dataclass(frozen=True)
@@ -83,7 +58,7 @@ class Arm:
         """(4, 4) the last joint's frame, which turns with it."""
         at = np.eye(4)
         for origin, axis, angle in zip(self.origins, self.axes, q + self.zeros, strict=True):
-            at = at @ origin @ placed(np.zeros(3), about(axis, angle))
+            at = at @ origin @ placed(np.zeros(3), Rotation.from_rotvec(axis * angle))
         return at
 
     def tip_at(self, q: np.ndarray) -> np.ndarray:
@@ -105,7 +80,7 @@ def read_urdf(text: str) -> Arm:
 
     def origin(of: ET.Element) -> np.ndarray:
         found = of.find("origin")
-        return placed(1e3 * numbers(found.get("xyz", "")), turned(numbers(found.get("rpy", ""))))
+        return placed(1e3 * numbers(found.get("xyz", "")), Rotation.from_euler("xyz", numbers(found.get("rpy", ""))))
 
     moving = [joints[name] for name in sorted(joints) if re.fullmatch(r"joint_\d", name or "")]
     axes = []
@@ -118,7 +93,10 @@ def read_urdf(text: str) -> Arm:
 
 def as_built(nominal: Arm, rng: np.random.Generator) -> Arm:
     """The arm with errors of 1 mm and 2 mrad an axis in every origin, and of 2 mrad in every joint's zero."""
-    origins = [origin @ placed(rng.normal(0.0, 1.0, 3), turned(rng.normal(0.0, 2e-3, 3))) for origin in nominal.origins]
+    origins = [
+        origin @ placed(rng.normal(0.0, 1.0, 3), Rotation.from_euler("xyz", rng.normal(0.0, 2e-3, 3)))
+        for origin in nominal.origins
+    ]
     return Arm(tuple(origins), nominal.axes, nominal.tip, rng.normal(0.0, 2e-3, len(nominal.axes)))
 
 
@@ -151,39 +129,31 @@ def measured(
     q[:, 1] = np.round(q[:, 1] * 0.6 - 0.5, 6)
     is_test = np.arange(poses) % 3 == 2
     ball = true.tip @ np.append(ball_mm, 1.0)
-    tracker = placed(rng.uniform(-2000.0, 2000.0, 3), about(rng.normal(size=3), 2.0))
+    tracker = placed(rng.uniform(-2000.0, 2000.0, 3), Rotation.random(rng=rng))
     exact = np.array([(tracker @ true.last(at) @ ball)[:3] for at in q])
     points_mm = exact + rng.normal(0.0, 0.05, exact.shape)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.urdf").write_text(text)
     columns = [f"q{k}_rad" for k in range(1, count + 1)]
     names = [f"P{k}" for k in range(poses)]
-    _write(folder / "joints.csv", ["pose", "role", *columns], [
-        [name, "test" if test else "train", *at] for name, test, at in zip(names, is_test, q.tolist(), strict=True)
-    ])  # fmt: skip
-    _write(folder / "points.csv", ["pose", "x_mm", "y_mm", "z_mm"], [
-        [name, *at] for name, at in zip(names, points_mm.tolist(), strict=True)
-    ])  # fmt: skip
+    joints_rad = pd.DataFrame(q, columns=columns)
+    joints_rad.insert(0, "pose", names)
+    joints_rad.insert(1, "role", np.where(is_test, "test", "train"))
+    joints_rad.to_csv(folder / "joints.csv", index=False)
+    pd.DataFrame(points_mm, names, ["x_mm", "y_mm", "z_mm"]).to_csv(folder / "points.csv", index_label="pose")
     targets = rng.uniform(-1.4, 1.4, (200, count))
     targets[:, 1] = targets[:, 1] * 0.6 - 0.5
     degrees = [f"q{k}_deg" for k in range(1, count + 1)]
-    rows = [[f"T{k}", *at] for k, at in enumerate(np.degrees(targets).tolist())]
-    _write(folder / "targets.csv", ["pose", *degrees], rows)
+    targets_deg = pd.DataFrame(np.degrees(targets), [f"T{k}" for k in range(200)], degrees)
+    targets_deg.to_csv(folder / "targets.csv", index_label="pose")
     return Measured(nominal, true, q, is_test, points_mm, ball_mm)
 
 
-def _write(path: Path, header: list[str], rows: list[list[object]]) -> None:
-    with path.open("w", newline="") as file:
-        csv.writer(file).writerows([header, *rows])
-
-
 def rigid(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """(4, 4) by singular values (Kabsch)."""
+    """(4, 4) by least squares."""
     mid, to = source.mean(axis=0), target.mean(axis=0)
-    u, _, vt = np.linalg.svd((source - mid).T @ (target - to))
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    turn = vt.T @ flip @ u.T
-    return placed(to - turn @ mid, turn)
+    turn = Rotation.align_vectors(target - to, source - mid)[0]
+    return placed(to - turn.apply(mid), turn)
 
 
 def held_out_mm(arm: Arm, seen: Measured, ball_mm: np.ndarray | None = None) -> float:
@@ -209,10 +179,8 @@ def tip_off(arm: Arm, seen: Measured) -> tuple[float, float]:
     One turn of the whole arm is taken out: no tracker knows it.
     """
     out = []
+    true = Rotation.from_matrix([seen.true.tip_at(at)[:3, :3] for at in seen.q[seen.is_test]])
     for one in (arm, seen.nominal):
-        true = np.array([seen.true.tip_at(at)[:3, :3] for at in seen.q[seen.is_test]])
-        mine = np.array([one.tip_at(at)[:3, :3] for at in seen.q[seen.is_test]])
-        u, _, vt = np.linalg.svd(np.einsum("nij,nkj->ik", true, mine))
-        turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-        out.append(float(np.mean([angle_between(a, turn @ b) for a, b in zip(true, mine, strict=True)])))
+        off = true * Rotation.from_matrix([one.tip_at(at)[:3, :3] for at in seen.q[seen.is_test]]).inv()
+        out.append(float((off.mean().inv() * off).magnitude().mean()))
     return out[0], out[1]

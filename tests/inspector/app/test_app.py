@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from calib.errors import DatasetError
@@ -79,20 +78,6 @@ def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: 
     for wrong in (tmp_path, tmp_path / "nowhere"):
         with pytest.raises(DatasetError), serving(wrong, port=0):
             pass
-
-
-def test_poses_without_a_point_are_named_on_the_page_and_may_be_selected(folder: Path, tmp_path: Path) -> None:
-    shutil.copytree(folder / "points", tmp_path / "points")
-    points = pd.read_csv(tmp_path / "points" / "points.csv")
-    points.drop(index=[0, 5]).to_csv(tmp_path / "points" / "points.csv", index=False)
-    with idle_app(tmp_path / "points") as app, WireClient(app.server.get_port()) as page:
-        assert session(app).calibration is not None
-        shows(page, f"no point for 2 of {POSES} poses")
-        page.trigger("Next pose")
-        shows(page, f"2 of {POSES},")
-        page.trigger("Previous pose")
-        shows(page, f"1 of {POSES},")
-        idle(app)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
 from tests.support.app import idle, without_reflections
-from tests.support.browser import MS, colours_in, need_chromium, node_drawn, open_tab, says
+from tests.support.browser import MS, colours_in, node_drawn, open_tab, says
 from tests.support.tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 
 pytestmark = pytest.mark.browser
@@ -27,17 +27,6 @@ def running(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     with serving(write_tiny(tmp_path_factory.mktemp("datasets")), port=0) as app:  # opened while it works
         without_reflections(app)
         yield app
-
-
-@pytest.mark.parametrize(("ci", "outcome"), [("true", pytest.fail.Exception), ("", pytest.skip.Exception)])
-def test_without_a_browser_ci_fails_and_others_skip_with_the_reason(
-    monkeypatch: pytest.MonkeyPatch, ci: str, outcome: type[BaseException]
-) -> None:
-    monkeypatch.setenv("PATH", "")
-    monkeypatch.delenv("CHROMIUM", raising=False)
-    monkeypatch.setenv("CI", ci)
-    with pytest.raises(outcome, match="apt-get install chromium"):
-        need_chromium()
 
 
 def test_the_page_opens_and_says_how_far_the_search_has_come(page: Any, app: App) -> None:

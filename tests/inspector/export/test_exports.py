@@ -37,7 +37,7 @@ from inspector.session.reopening import dataset_of, opening
 from inspector.session.session_file import load_session
 from tests.support.app import idle, idle_app
 from tests.support.browser import colours_in, node_drawn, open_page
-from tests.support.commands import answered, printed, refused
+from tests.support.commands import answered, printed
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
 from tests.support.wire_client import WireClient
@@ -181,20 +181,6 @@ def test_one_command_writes_them_all_and_another_opens_the_session(
     assert [step.label for step in read.history] == ["nominal", "link errors", f"+ {HIDDEN}"]
     assert read.history[-1].figures[1] == pytest.approx(document["test"]["rmse_mm"], rel=1e-12)
     assert opening(read, folder)[1] == ()
-
-
-def test_a_session_that_cannot_hold_the_fit_is_refused_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
-    out = ["--out", str(tmp_path / "robot.toml"), "--session", str(tmp_path / "s.json")]
-    for extra in (
-        ["--hold", "a2"],
-        ["--effect", HIDDEN],
-        ["--robust"],
-        ["--no-prior"],
-        ["--tolerance", "a2=1"],
-    ):
-        captured = refused("calibrate", folder, *out, *extra)
-        assert f"leave out {extra[0]}" in captured
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_redundancy_matrix_is_that_of_the_json(folder: Path, tmp_path: Path) -> None:

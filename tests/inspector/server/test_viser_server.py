@@ -6,7 +6,6 @@ import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from viser import _messages
@@ -219,13 +218,3 @@ def test_one_of_and_clamped() -> None:
     assert clamped(-1, 0, 10, 1) == 0
     for bad in (float("nan"), float("inf"), "5", None, True, [5]):
         assert clamped(bad, 0, 10, 1) == 1
-
-
-def test_private_names_stay_in_two_files() -> None:
-    folder = Path(server_module.__file__).parents[1]
-    for path in folder.rglob("*.py"):
-        if path.name not in ("viser_server.py", "uploads.py"):
-            text = path.read_text()
-            assert "_messages" not in text, path
-            assert "_impl" not in text, path
-            assert "_websock" not in text, path

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calib.statistics import rms_length
@@ -15,17 +15,10 @@ from tests.support import unknown_ball
 from tests.support.commands import answered, printed
 from tests.support.unknown_ball import Measured
 
-ARMS = {
-    "like a UR": unknown_ball.UR_LIKE,
-    "seven axes": unknown_ball.SEVEN_AXES,
-    "a wrist with offsets": unknown_ball.OFFSET_WRIST,
-}
+ARMS = {"like a UR": unknown_ball.UR_LIKE, "seven axes": unknown_ball.SEVEN_AXES}
 
 
-@pytest.fixture(
-    scope="module",
-    params=[pytest.param("like a UR"), *(pytest.param(n, marks=pytest.mark.slow) for n in list(ARMS)[1:])],
-)
+@pytest.fixture(scope="module", params=ARMS)
 def cell(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Measured]:
     folder = tmp_path_factory.mktemp("ball")
     seen = unknown_ball.measured(ARMS[request.param], folder)
@@ -100,9 +93,7 @@ def test_corrected_joints_bring_the_true_tip_there_by_small_moves(
 
 
 def _joints(path: Path) -> np.ndarray:
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
-    return np.radians([[float(row[k] or "nan") for k in row if k.endswith("_deg")] for row in rows])
+    return np.radians(pd.read_csv(path).filter(regex="_deg$").to_numpy())
 
 
 def _off_mm(seen: Measured, wanted: np.ndarray, commanded: np.ndarray) -> float:
