@@ -1,8 +1,8 @@
 """MuJoCo's models (MJCF), compiled by MuJoCo itself (the extra `mujoco`) and read as a serial chain.
 
-A model may name other files and ask for any number of parts. So it is looked through before MuJoCo sees it: every file
-that it names lies in its folder or below, and what a serial arm does not need is refused. MuJoCo then compiles it in a
-process of its own with bounded memory and time (`mjcf_compiled`).
+A model may name other files and ask for any number of parts. So it is looked through before MuJoCo sees it: every mesh
+that it names lies in its folder or below, and other models and what a serial arm does not need are refused. MuJoCo then
+compiles it in a process of its own with bounded memory and time (`mjcf_compiled`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ import numpy as np
 from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 from calib.robot_formats.robot_file import ReadOptions, RobotFile, of_chain, read_xml
-from calib.robot_formats.urdf.safe_xml import Element, XmlFile
+from calib.robot_formats.urdf.safe_xml import XmlFile
 
 _LIMITS = ProcessLimits(seconds=60.0, memory_bytes=2 * 1024**3)
-_MOST_FILES = 500
 _REFUSED = {  # code, other models, or any number of parts and any size of memory
-    "plugin", "extension", "replicate", "composite", "flexcomp", "size", "attach", "model",
-}  # fmt: skip
+    "include": "give the file that it includes, or put its text there",
+    **dict.fromkeys(
+        ("plugin", "extension", "replicate", "composite", "flexcomp", "size", "attach", "model"),
+        "a serial arm needs none; leave it out",
+    ),
+}
 _NAMES = ("file", "meshdir", "assetdir", "texturedir")  # beginnings of attributes that name files: of textures, fileup
 
 
@@ -49,28 +52,12 @@ def read_mjcf(path: Path, reading: ReadOptions) -> RobotFile:
 
 
 def require_own_folder(file: XmlFile) -> None:
-    """Raise RobotFileError where a model, or one that it includes, has refused parts or names a file elsewhere."""
+    """Raise RobotFileError where a model has refused parts or names a file that is not in its folder or below."""
     folder = file.path.absolute().parent
-    waiting, known = [file], {file.path.resolve()}
-    while waiting:
-        each = waiting.pop()
-        for element in each.root.with_all_below():
-            if element.tag in _REFUSED:
-                each.fail(element, f"found <{element.tag}>", "a serial arm needs none; leave it out")
-            for key, name in element.attributes.items():
-                inside = (folder / name).resolve().is_relative_to(folder.resolve()) and ".." not in Path(name).parts
-                if key.startswith(_NAMES) and not inside:
-                    each.fail(element, f"names {name[:60]!r}, which is not below its folder", "put it there")
-            if element.tag == "include":
-                included = _included(each, element, folder)
-                if included in known or len(known) >= _MOST_FILES:
-                    each.fail(element, f"includes {included.name[:60]!r} twice", "MuJoCo takes each file once")
-                known.add(included)
-                waiting.append(read_xml(included))
-
-
-def _included(file: XmlFile, element: Element, folder: Path) -> Path:
-    """File of an <include>: relative to the model, as in MuJoCo, or to the file that includes it."""
-    name = element.attributes.get("file", "")
-    paths = [(place / name).resolve() for place in (folder, file.path.absolute().parent)]
-    return next((path for path in paths if path.is_file()), paths[0])
+    for element in file.root.with_all_below():
+        if element.tag in _REFUSED:
+            file.fail(element, f"found <{element.tag}>", _REFUSED[element.tag])
+        for key, name in element.attributes.items():
+            inside = (folder / name).resolve().is_relative_to(folder.resolve()) and ".." not in Path(name).parts
+            if key.startswith(_NAMES) and not inside:
+                file.fail(element, f"names {name[:60]!r}, which is not below its folder", "put it there")

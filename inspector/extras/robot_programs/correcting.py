@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from calib.dataset.dataset import Dataset
@@ -11,7 +10,7 @@ from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.errors import CalibError
 from calib.extras.robot_programs.program_blocks import program_correction_blocks, program_correction_document
 from calib.extras.robot_programs.program_correction import corrected_program, require_no_conditions
-from calib.extras.robot_programs.program_targets import Frames, Program, frames_given, load_program, require_frames
+from calib.extras.robot_programs.program_targets import frames_given, load_program, require_frames
 from calib.extras.robot_programs.program_templates import require_joints
 from calib.models.fitted_model import FittedModel
 from calib.rendering.text import block_text
@@ -26,9 +25,10 @@ class CorrectedProgram(CorrectAddition[CorrectProgramOptions, CorrectOptions]):
 
     def begin(self) -> None:
         """Refuse frames and further files without a program."""
-        for option, given in (*self._frames(), ("--with", self.asked.others)):
-            if given and self.asked.program is None:
-                raise CalibError(f"{option} goes with --program; joint targets have no frames")
+        asked = self.asked
+        given = {"--tool-frame": asked.tool_frame, "--work-frame": asked.work_frame, "--with": asked.others}
+        for option in [option for option, values in given.items() if values and asked.program is None]:
+            raise CalibError(f"{option} goes with --program; joint targets have no frames")
 
     def inputs(self) -> Iterable[Path | None]:
         """The program and its further files."""
@@ -42,20 +42,15 @@ class CorrectedProgram(CorrectAddition[CorrectProgramOptions, CorrectOptions]):
         require_joints(path, program.language, dataset.robot.is_revolute.tolist())
         if out.suffix.lower() != path.suffix.lower():
             raise CalibError(f"--out {out}: a corrected program has the suffix of its own, {path.suffix}")
-        require_frames(program, *self._given(program))
-        return partial(self._write, dataset, program)
+        tools = frames_given(program.language, "--tool-frame", self.asked.tool_frame)
+        works = frames_given(program.language, "--work-frame", self.asked.work_frame)
+        require_frames(program, tools, works)
 
-    def _frames(self) -> tuple[tuple[str, Sequence[str]], tuple[str, Sequence[str]]]:
-        return ("--tool-frame", self.asked.tool_frame), ("--work-frame", self.asked.work_frame)
+        def write(model: FittedModel) -> int:
+            require_no_conditions(program, model.needs, model.model.family_names)
+            result = corrected_program(program, dataset.robot, model, kind=self.command.what, tool=tools, work=works)
+            write_bytes_atomically(out, result.content)
+            show(self.command, program_correction_document(result), block_text(*program_correction_blocks(result)))
+            return 0 if result.reached else 1
 
-    def _given(self, program: Program) -> tuple[Frames, Frames]:
-        tools, works = (frames_given(program.language, option, texts) for option, texts in self._frames())
-        return tools, works
-
-    def _write(self, dataset: Dataset, program: Program, model: FittedModel) -> int:
-        require_no_conditions(program, model.needs, model.model.family_names)
-        tool, work = self._given(program)
-        result = corrected_program(program, dataset.robot, model, kind=self.command.what, tool=tool, work=work)
-        write_bytes_atomically(self.command.out, result.content)
-        show(self.command, program_correction_document(result), block_text(*program_correction_blocks(result)))
-        return 0 if result.reached else 1
+        return write

@@ -166,28 +166,3 @@ def test_the_table_of_a_calibration_has_small_angles(tmp_path: Path) -> None:
         path.write_text(conf_of(drawn(np.random.default_rng(seed))))
         table = read_robot(path, ReadOptions(model=model)).robot.table
         assert np.degrees(np.abs(table[:, [3, 4]]).max()) < 0.5
-
-
-@pytest.mark.slow
-def test_mujoco_finds_the_flange_of_a_converted_description_where_the_controller_has_it(
-    tmp_path: Path,
-) -> None:
-    mujoco = pytest.importorskip("mujoco")
-    deltas = drawn(np.random.default_rng(9))
-    blocks = yaml.safe_load(converted(tmp_path, "ur5e", deltas))["kinematics"]
-    bodies = "".join(
-        f'<body pos="{b["x"]!r} {b["y"]!r} {b["z"]!r}" euler="{b["roll"]!r} {b["pitch"]!r} {b["yaw"]!r}">'
-        '<joint axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-        for b in (blocks[name] for name in LINKS)
-    )
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian" eulerseq="XYZ"/><worldbody>{bodies}<site name="flange"/>{"</body>" * 6}'
-        "</worldbody></mujoco>"
-    )
-    data = mujoco.MjData(model)
-    for q in np.random.default_rng(2).uniform(-math.pi, math.pi, (50, 6)):
-        data.qpos[:] = q
-        mujoco.mj_kinematics(model, data)
-        true = controllers("ur5e", deltas, q[None])[0]
-        assert np.abs(1e3 * data.site("flange").xpos - true[:3, 3]).max() < 1e-6
-        assert np.abs(data.site("flange").xmat.reshape(3, 3) - true[:3, :3]).max() < 1e-9

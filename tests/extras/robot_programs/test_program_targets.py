@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 from calib.errors import CalibError
 from calib.extras.robot_programs.program_targets import Program, load_program
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
+from calib.extras.robot_programs.program_text.targets import NamedFrame
+from tests.extras.robot_programs.controllers import LANGUAGES, makers, transform
 
 URSCRIPT = """def prog():
   # q0 = [0, 0, 0, 0, 0, 0]
@@ -83,28 +85,41 @@ def program(folder: Path, name: str, text: str | bytes) -> Program:
     return load_program(path)
 
 
+def frames(found: Program) -> dict[str, tuple[str, str]]:
+    """Tool and work frame of each pose target, by its name and line."""
+    return {
+        f"{t.name} {t.line}": (t.tool.name, t.work.name)
+        for t in found.targets
+        if t.tool is not None and t.work is not None
+    }
+
+
+def reasons(found: Program) -> dict[int, str]:
+    return {each.line: each.reason for each in found.left}
+
+
 def told(found: Program) -> dict[str, list[float]]:
     return {f"{t.name} {t.line}": t.values.tolist() for t in found.targets}
 
 
+def shift(frame: NamedFrame | None) -> list[float] | None:
+    """Where a target's frame is; None where the program does not define it."""
+    assert frame is not None
+    return None if frame.transform is None else frame.transform[:3, 3].tolist()
+
+
 def test_urscript_targets_are_those_that_the_arm_is_sent_to(tmp_path: Path) -> None:
     found = program(tmp_path, "a.script", URSCRIPT)
-    assert [(t.name, t.line, t.kind) for t in found.targets] == [
-        ("q1", 5, "joints"),
-        ("p1", 6, "pose"),
-        ("movej", 11, "joints"),
-        ("movec", 12, "pose"),
-        ("movec", 12, "pose"),
-        ("get_inverse_kin", 13, "pose"),
-    ]
-    assert found.targets[0].values.tolist() == [0.1, -1.5, 1.25, 0.0, 0.5, 1.0]
-    assert found.targets[1].values.tolist() == [0.1, -0.5, 0.3, 0.0, 3.14, 0.0]
-    tool = found.targets[1].tool
-    assert tool is not None
-    assert tool.transform is not None
-    assert tool.transform[:3, 3].tolist() == [0.0, 0.0, 100.0]
-    lines = [each.line for each in found.left]
-    assert lines == [4, 7, 10, 13, 14, 14, 14, 15, 16]
+    assert told(found) == {
+        "q1 5": [0.1, -1.5, 1.25, 0.0, 0.5, 1.0],
+        "p1 6": [0.1, -0.5, 0.3, 0.0, 3.14, 0.0],
+        "movej 11": [pytest.approx(np.radians(10.0)), 0.0, 0.0, 0.0, 0.0, 0.0],
+        "movec 12": [0.1, -0.4, 0.3, 0.0, 3.14, 0.0],
+        "get_inverse_kin 13": [0.2, -0.5, 0.3, 0.0, 3.14, 0.0],
+    }
+    assert [t.kind for t in found.targets] == ["joints", "pose", "joints", "pose", "pose", "pose"]
+    assert shift(found.targets[1].tool) == [0.0, 0.0, 100.0]
+    assert [each.line for each in found.left] == [4, 7, 10, 13, 14, 14, 14, 15, 16]
 
 
 def test_krl_targets_have_the_frames_that_are_set_before_them(tmp_path: Path) -> None:
@@ -116,44 +131,75 @@ def test_krl_targets_have_the_frames_that_are_set_before_them(tmp_path: Path) ->
         "CIRC 14": [7.0, 2.0, 3.0, 10.0, 20.0, 30.0],
     }
     lin, circ = found.targets[1], found.targets[3]
-    assert lin.work is not None
-    assert lin.work.transform is not None
-    assert lin.work.transform[:3, 3].tolist() == [500.0, 0.0, 0.0]
+    assert shift(lin.work) == [500.0, 0.0, 0.0]
     assert [low < 0.0 for low, _ in lin.configuration.ranges_deg] == [True, True, False, False, False, False]
-    assert circ.work is not None
-    assert (circ.work.name, circ.work.transform) == ("BASE_DATA[3]", None)
+    assert frames(found)["CIRC 14"][1] == "BASE_DATA[3]"
+    assert shift(circ.work) is None
     assert [each.line for each in found.left] == [5, 6, 9, 10, 12, 14, 15]
+    assert "external axes move (line 7)" in found.notes[-1]
 
 
 def test_krl_points_of_inline_forms_have_the_frames_of_their_fdat(tmp_path: Path) -> None:
-    found = program(tmp_path, "a.dat", KRL_DATA)
-    (target,) = found.targets
-    assert target.tool is not None
-    assert target.work is not None
-    assert target.tool.transform is not None
-    assert target.tool.transform[:3, 3].tolist() == [0.0, 10.0, 100.0]
-    np.testing.assert_array_equal(target.work.transform, np.eye(4))
+    (target,) = program(tmp_path, "a.dat", KRL_DATA).targets
+    assert shift(target.tool) == [0.0, 10.0, 100.0]
+    assert target.work == NamedFrame("$NULLFRAME", np.eye(4))
+    assert not program(tmp_path, "b.dat", KRL_DATA.replace("XP1", "XQ1")).notes
 
 
 def test_rapid_targets_have_the_frames_of_their_moves(tmp_path: Path) -> None:
     found = program(tmp_path, "a.mod", RAPID)
-    assert [(t.name, t.line, t.kind) for t in found.targets] == [
-        ("j1", 2, "joints"),
-        ("p10", 3, "pose"),
-        ("pts{1}", 4, "pose"),
-        ("MoveL", 15, "pose"),
-    ]
-    p10, array, inline = found.targets[1], found.targets[2], found.targets[3]
-    assert p10.work is not None
-    assert p10.work.transform is not None
-    assert p10.work.transform[:3, 3].tolist() == [500.0, 10.0, 0.0]
+    assert list(told(found)) == ["j1 2", "p10 3", "pts{1} 4", "MoveL 15"]
+    p10 = found.targets[1]
+    assert shift(p10.work) == [500.0, 10.0, 0.0]
     assert p10.configuration.ranges_deg[0] == (0.0, 90.0)
     assert p10.configuration.ranges_deg[3] == (-90.0, 0.0)
-    assert array.work is not None
-    assert array.work.name == "wobj0"
-    assert inline.tool is not None
-    assert (inline.tool.name, inline.tool.transform) == ("tool2", None)
+    assert frames(found)["pts{1} 4"] == ("tool1", "wobj0")
+    assert frames(found)["MoveL 15"] == ("tool2", "wobj1")
+    assert shift(found.targets[3].tool) is None
     assert [each.line for each in found.left] == [5, 6, 7]
+    assert not found.notes
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "said"),
+    [
+        ("MoveAbsJ j1, v100, fine, tool0;", "MoveL p10,v100,z10,tool0;", 3, "several tools, tool0 and tool1"),
+        (
+            "  PERS pose",
+            "  CONST robtarget up:=[[1,2,3],straight,[0,0,0,0],ext];\n  PERS pose",
+            8,
+            "not all plain numbers",
+        ),
+        ("  PROC main()", "  PROC main()\n    p10.trans.z := 5;", 3, "line 10 sets p10.trans.z anew"),
+        ("[[0,1,2,", "[[0,1,2+x,", 2, "2+x is an expression"),
+    ],
+)
+def test_what_of_a_module_is_left_has_its_reason(tmp_path: Path, old: str, new: str, line: int, said: str) -> None:
+    assert said in reasons(program(tmp_path, "a.mod", RAPID.replace(old, new, 1)))[line]
+
+
+def test_tools_that_a_module_changes_are_not_known_and_external_axes_are_told(tmp_path: Path) -> None:
+    text = RAPID.replace("  PROC main()", "  PROC main()\n    tool1.tframe.trans.z := 5;")
+    found = program(tmp_path, "a.mod", text.replace("[0,-1,0,1],[9E9", "[0,-1,0,1],[1200.5", 1))
+    assert shift(found.targets[1].tool) is None
+    assert "external axes move (line 3)" in found.notes[-1]
+
+
+def test_a_move_behind_a_condition_may_not_have_been_made(tmp_path: Path) -> None:
+    end = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    text = f"""MODULE M
+CONST jointtarget home:=[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+CONST robtarget p:=[[600,0,100],[0,0,1,0],{end};
+CONST robtarget q:=[[600,0,200],[0,0,1,0],{end};
+PROC main()
+  MoveAbsJ home,v100,fine,tool0;
+  IF di1=1 MoveL p,v100,z10,tool0;
+  MoveL q,v100,z10,tool0;
+ENDPROC
+ENDMODULE
+"""
+    home, p, q = program(tmp_path, "a.mod", text).targets
+    assert [each.after for each in q.arrivals] == [frozenset([home.place, p.place])]
 
 
 @pytest.mark.parametrize(
@@ -210,21 +256,6 @@ def test_a_huge_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
         load_program(path)
 
 
-def test_a_target_with_several_tools_is_left(tmp_path: Path) -> None:
-    text = RAPID.replace("MoveAbsJ j1, v100, fine, tool0;", "MoveL p10,v100,z10,tool0\\WObj:=wobj1;")
-    found = program(tmp_path, "a.mod", text)
-    assert "p10" not in [t.name for t in found.targets]
-    assert any("tool0 and tool1" in each.reason for each in found.left)
-
-
-def test_a_tool_that_the_program_changes_is_not_known(tmp_path: Path) -> None:
-    text = RAPID.replace("  PROC main()", "  PROC main()\n    tool1.tframe.trans.z := 5;")
-    found = program(tmp_path, "a.mod", text)
-    tool = found.targets[1].tool
-    assert tool is not None
-    assert tool.transform is None
-
-
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.sampled_from([".script", ".src", ".mod"]),
@@ -247,48 +278,26 @@ def test_any_text_is_read_or_refused(tmp_path: Path, suffix: str, parts: list[st
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_poses_are_those_of_the_makers_conventions(seed: int) -> None:
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_poses_are_those_of_the_makers_conventions(language: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    turn, position = Rotation.random(rng=rng), rng.uniform(-900, 900, 3)
-    abc = turn.as_euler("ZYX", degrees=True)
-    x, y, z, w = turn.as_quat()
-    makers = {
-        "URScript": np.r_[position / 1000.0, turn.as_rotvec()],
-        "KRL": np.r_[position, abc],
-        "RAPID": np.r_[position, w, x, y, z],
-    }
-    for language, values in makers.items():
-        transform = pose_transform(language, values)
-        np.testing.assert_allclose(transform[:3, :3], turn.as_matrix(), atol=1e-12)
-        np.testing.assert_allclose(transform[:3, 3], position, atol=1e-9)
-        same = values.copy()
-        if language == "RAPID":
-            same[3:] *= -1.0
-        elif language == "KRL":
-            same[3:] = [abc[0] + 180.0, 180.0 - abc[1], abc[2] - 180.0]
-        else:
-            same[3:] *= 1.0 - 2.0 * np.pi / np.linalg.norm(same[3:])
-        for form in (values, same):  # whichever form the program has, it keeps
-            np.testing.assert_allclose(pose_values(language, transform, form), form, atol=1e-9)
+    pose = transform(Rotation.random(rng=rng), rng.uniform(-900, 900, 3))
+    values = makers(language, pose)
+    np.testing.assert_allclose(pose_transform(language, values), pose, atol=1e-9)
+    turn = values[3:]
+    same = {
+        "URScript": turn * (1.0 - 2.0 * np.pi / np.linalg.norm(turn)),
+        "KRL": np.array([180.0, 180.0, -180.0]) + turn[:3] * [1.0, -1.0, 1.0],
+        "RAPID": -turn,
+    }[language]
+    for form in (values, np.r_[values[:3], same]):  # whichever form the program has, it keeps
+        np.testing.assert_allclose(pose_values(language, pose, form), form, atol=1e-9)
 
 
 @pytest.mark.parametrize("b", [90.0, -90.0])
 def test_abc_keep_their_branch_where_a_and_c_are_one_turn(b: float) -> None:
     values = np.array([1.0, 2.0, 3.0, 25.0, b, -40.0])
     np.testing.assert_allclose(pose_values("KRL", pose_transform("KRL", values), values), values, atol=1e-6)
-
-
-def frames(found: Program) -> dict[str, tuple[str, str]]:
-    """Tool and work frame of each pose target, by its name and line."""
-    return {
-        f"{t.name} {t.line}": (t.tool.name, t.work.name)
-        for t in found.targets
-        if t.tool is not None and t.work is not None
-    }
-
-
-def reasons(found: Program) -> dict[int, str]:
-    return {each.line: each.reason for each in found.left}
 
 
 def test_urscript_poses_behind_a_frame_are_targets_in_it(tmp_path: Path) -> None:
@@ -410,20 +419,6 @@ textmsg(pose_dist(p1, get_actual_tcp_pose()))
     assert found.targets[-1].near == (0.0, -1.5, 1.5, 0.0, 1.5, 0.0)
     assert {tool for tool, _ in frames(found).values()} == {"the TCP of line 4"}
     assert [reasons(found)[line] for line in (5, 6, 7)] == ["no motion of the program uses it"] * 3
-
-
-def test_external_axes_are_told(tmp_path: Path) -> None:
-    rapid = program(tmp_path, "a.mod", RAPID.replace("[0,-1,0,1],[9E9", "[0,-1,0,1],[1200.5", 1))
-    assert "external axes move (line 3)" in rapid.notes[-1]
-    krl = program(tmp_path, "a.src", KRL)
-    assert "external axes move (line 7)" in krl.notes[-1]
-    assert not program(tmp_path, "b.dat", KRL_DATA.replace("XP1", "XQ1")).notes
-
-
-def test_what_is_no_plain_robtarget_is_told(tmp_path: Path) -> None:
-    text = RAPID.replace("  PERS pose", "  CONST robtarget up:=[[1,2,3],straight,[0,0,0,0],ext];\n  PERS pose")
-    found = program(tmp_path, "a.mod", text)
-    assert reasons(found)[8] == "its parts are not all plain numbers"
 
 
 def test_krl_joints_that_no_motion_uses_are_left(tmp_path: Path) -> None:

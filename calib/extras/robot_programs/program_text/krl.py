@@ -158,7 +158,7 @@ class KrlReader(ProgramReader):
         transform = None if each.component else self._plain(each.value)
         return NamedFrame(f"${kind.upper()} of {self.source.at_line(each.place)}", transform)
 
-    def frames(self) -> tuple[Frames, Frames]:
+    def frames(self) -> tuple[Frames[NamedFrame], Frames[NamedFrame]]:
         """Where tools and bases are set outside of motions."""
         tools, works = (
             Frames(

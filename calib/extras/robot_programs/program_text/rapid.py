@@ -14,7 +14,6 @@ from math import inf
 
 import numpy as np
 
-from calib.array_types import Array
 from calib.extras.robot_programs.program_text.flow import FlowKind
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.reading import (
@@ -45,7 +44,8 @@ _BY_JOINTS = re.compile(r"(?:move(?:abs)?|trigg|search)j")
 _SIGNAL = re.compile(r"move.(?:do|ao|go)")  # whose last arguments are a signal and its value
 _OFFSETS = ("offs", "reltool")
 _DISPLACES = ("pdispon", "pdispset", "eoffson", "eoffsset")
-_HELD = {"tooldata": "false", "wobjdata": "true"}  # robhold of what the robot does not move as a tool or work object
+_STILL = {"tooldata": ("true",), "wobjdata": ("false", "true")}
+"""Flags of the tools on the flange, and of the work objects that stand: robhold and ufprog."""
 _POSE, _JOINTS = [3, 4, 4, 6], [6, 6]  # counts of numbers in the lists of a target
 
 
@@ -71,31 +71,32 @@ class RapidReader(ProgramReader):
             return
         name = parts[k].text
         items = (statement[0].behind(k + 1), *statement[1:])
+        arguments = [(item, words) for item in items if (words := self._words(item))]
+        of_work = next((item for item in items if "wobj" in [part.text for part in item.parts]), None)
+        last = -3 if _SIGNAL.fullmatch(name) else -1
+        if of_work is not None:  # it stands behind the tool
+            last = max(k for k, (item, _) in enumerate(arguments) if item.start <= of_work.start)
+        told = arguments[last][1][0] if len(arguments) > 2 else None
+        tool = self._named(self.text(told) if told is not None and told.is_word else "the tool")
+        work = self._named("wobj0" if of_work is None else self.text(of_work.parts[-1]))
         is_joint = bool(_BY_JOINTS.match(name))
-        tool, work, reason = self._own_frames(items, -3 if _SIGNAL.fullmatch(name) else -1)
-        for item in items[: 2 if name[4:5] == "c" else 1]:
-            words = self._words(item)
-            aim = self.aim(Item(item.start, item.end, words))
-            if words and words[0].text in _OFFSETS and words[0].items:
-                aim = self.aim(words[0].items[0])
-            keeps = ("j" if is_joint else "l") in self._without_configuration
-            yield Visit(aim, self.text(parts[k]), is_joint, keeps, tool=tool, work=work, reason=reason)
+        for item, words in arguments[: 2 if name[4:5] == "c" else 1]:
+            is_offset = words[0].text in _OFFSETS and words[0].items
+            yield Visit(
+                self.aim(words[0].items[0] if is_offset else Item(item.start, item.end, words)),
+                self.text(parts[k]),
+                is_joint,
+                keeps=("j" if is_joint else "l") in self._without_configuration,
+                tool=tool if isinstance(tool, NamedFrame) else None,
+                work=work if isinstance(work, NamedFrame) else None,
+                reason=next((each for each in (tool, work) if isinstance(each, str)), ""),
+            )
 
     @staticmethod
     def _words(item: Item) -> tuple[Part, ...]:
         """An argument without what is optional of it."""
         texts = [part.text for part in item.parts]
         return item.parts[: texts.index("\\")] if "\\" in texts else item.parts
-
-    def _own_frames(self, items: Sequence[Item], last: int) -> tuple[NamedFrame | None, NamedFrame | None, str]:
-        """Tool and work object of a move, and why its targets are left."""
-        named = [(k, [part.text for part in item.parts]) for k, item in enumerate(items)]
-        k, texts = next(((k, texts) for k, texts in named if "wobj" in texts), (len(items) + last, [""]))
-        words = [each for item in reversed(items[: k + 1]) for each in self._words(item)[:1]]
-        tool = self._named(self.text(words[0]) if words and k > 1 and words[0].is_word else "the tool")
-        work = self._named(self.text(items[k].parts[-1]) if texts[-2:-1] == [":="] else "wobj0")
-        reason = next((each for each in (tool, work) if isinstance(each, str)), "")
-        return *(None if isinstance(each, str) else each for each in (tool, work)), reason  # type: ignore[return-value]
 
     @cached_property
     def _without_configuration(self) -> set[str]:
@@ -112,33 +113,29 @@ class RapidReader(ProgramReader):
 
     def _frame(self, declared: Assignment) -> NamedFrame | str:
         """Frame of a tooldata or wobjdata literal, or why it moves."""
-        name = self.name(declared)
+        name, kind = self.name(declared), declared.before[-1]
         value = self.aim(declared.value).literal
-        items = () if value is None else value.items
-        kind = declared.before[-1]
-        poses = [part for item in items for part in item.parts if _counts(part) == [3, 4]]
-        if kind not in _HELD or len(items) != (3 if kind == "tooldata" else 5):
+        if value is None or kind not in _STILL:
             return NamedFrame(name, None)
-        flags = [self.text(item).lower() for item in items]
-        if flags[0] == _HELD[kind]:
-            return "the robot holds the workpiece (robhold)"
-        if kind == "wobjdata" and flags[1] == "false":
-            return "a mechanical unit moves its work object (ufprog)"
-        transform: Array | None = np.eye(4) if len(poses) == (1 if kind == "tooldata" else 2) else None
-        for pose in poses:
-            numbers = self.source.numbers(_flat(pose))
-            try:
-                plain = () if isinstance(numbers, str) else [number.value for number in numbers]
-                transform = None if transform is None else transform @ pose_transform("RAPID", np.array(plain))
-            except ValueError:
-                transform = None
+        flags = tuple(self.text(item).lower() for item in value.items)[: len(_STILL[kind])]
+        if flags != _STILL[kind]:
+            return "the robot holds the workpiece, or a mechanical unit moves it (robhold, ufprog)"
+        poses = [part for item in value.items for part in item.parts if _counts(part) == [3, 4]]
+        numbers = self.source.numbers([item for pose in poses for each in pose.items for item in each.parts[0].items])
+        transform = np.eye(4)
+        try:
+            for k in range(len(_STILL[kind])):
+                pose = () if isinstance(numbers, str) else numbers[7 * k : 7 * k + 7]
+                transform = transform @ pose_transform("RAPID", np.array([number.value for number in pose]))
+        except ValueError:
+            return NamedFrame(name, None)
         return NamedFrame(name, transform)
 
     def told(self, held: Held, statement: Statement) -> Told | str | None:
         """The target of a literal."""
         counts = _counts(held.literal)
         kind = held.by.before[-1] if held.by is not None and held.by.before else ""
-        if kind in _HELD and not held.element:
+        if kind in _STILL and not held.element:
             return "the definition of a tool or work object"
         if counts not in (_POSE, _JOINTS):
             plain = kind not in ("robtarget", "jointtarget") or bool(held.by and held.by.index) or held.element
@@ -168,7 +165,3 @@ def _counts(part: Part) -> list[int]:
     """Counts of numbers in the lists that a list consists of; [] for other lists."""
     lists = [item.parts[0] for item in part.items if len(item.parts) == 1 and item.parts[0].bracket == "["]
     return [len(each.items) for each in lists] if part.bracket == "[" and len(lists) == len(part.items) > 1 else []
-
-
-def _flat(pose: Part) -> list[Item]:
-    return [item for each in pose.items for item in each.parts[0].items]

@@ -12,9 +12,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import ClassVar, Never
+from typing import ClassVar, Generic, Never
 
-from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind, reaching
+from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind, Value, reaching
 from calib.extras.robot_programs.program_text.source import Item, Part, Source, Statement, Syntax
 from calib.extras.robot_programs.program_text.targets import (
     UNKNOWN_PLACE,
@@ -93,11 +93,11 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Frames:
-    """Where a program sets its tools or work frames."""
+class Frames(Generic[Value]):
+    """Where a program sets its tools or work frames, or the place of the target at which the arm stands."""
 
-    before: NamedFrame  # at its start
-    sets: Sequence[FlowEvent[NamedFrame]] = ()
+    before: Value  # at its start
+    sets: Sequence[FlowEvent[Value]] = ()
 
 
 class ProgramReader(ABC):
@@ -108,9 +108,9 @@ class ProgramReader(ABC):
     index: ClassVar[str] = "[]"  # brackets of an array's index
     first_index: ClassVar[int] = 1
     blocks: ClassVar[Mapping[str, FlowKind]]  # words that begin and end blocks
-    then: ClassVar[str] = (
-        ""  # word without which an IF ends with its statement; where there is one, blocks begin anywhere
-    )
+    then: ClassVar[str] = ""
+    """Word without which an IF ends with its statement. Where there is one, blocks begin anywhere in a statement, and
+    routines are called by their names alone."""
     top_first: ClassVar[bool] = False  # as of `reaching`
     units: ClassVar[Mapping[str, float]] = MappingProxyType({})  # as of `Source.numbers`
 
@@ -136,7 +136,7 @@ class ProgramReader(ABC):
     def told(self, held: Held, statement: Statement) -> Told | str | None:
         """A literal's target, why it is left, or None where it does not look like one."""
 
-    def frames(self) -> tuple[Frames, Frames]:
+    def frames(self) -> tuple[Frames[NamedFrame], Frames[NamedFrame]]:
         """Where tools and work frames are set, for visits that do not tell theirs."""
         tool, work = (NamedFrame(f"the {what} (the program has no move)", None) for what in ("tool", "work object"))
         return Frames(tool), Frames(work)
@@ -259,34 +259,31 @@ class ProgramReader(ABC):
 
     def _settled(self, found: Sequence[tuple[ProgramTarget, Held, Told]]) -> Iterable[ProgramTarget]:
         """The targets with their frames and arrivals; those that are left are kept with the reason."""
-        visits = self.visits
         by_aim: dict[str | int, list[Visit]] = {}
-        for visit in visits:
+        for visit in self.visits:
             by_aim.setdefault(visit.aim.variable or visit.aim.place, []).append(visit)
-        to = {
-            target.place: [
+        to: dict[int, list[Visit]] = {}  # motions to each target, by its place
+        goals: dict[int, list[int]] = {}  # places of the targets of each motion, by its place
+        for target, held, _ in found:
+            to[target.place] = [
                 visit
                 for visit in by_aim.get(held.variable or target.place, [])
                 if visit.aim.element in ("", COMPUTED, held.element) or not held.element
             ]
-            for target, held, _ in found
-        }
-        goals: dict[int, list[int]] = {}  # by the places of motions
-        for place, own in to.items():
-            for visit in own:
-                goals.setdefault(visit.aim.place, []).append(place)
-        uses: list[FlowEvent[Never]] = [FlowEvent(visit.aim.place, "use") for visit in visits]
+            for visit in to[target.place]:
+                goals.setdefault(visit.aim.place, []).append(target.place)
         ends: list[FlowEvent[int]] = []  # a posture that is kept on the way to a place that is not known stays the same
-        for visit in visits:
-            to_it = goals.get(visit.aim.place, [])
-            if len(to_it) == 1 or visit.is_joint:
-                end = to_it[0] if len(to_it) == 1 else UNKNOWN_PLACE
+        for visit in self.visits:
+            ends_at = goals.get(visit.aim.place, [])
+            if len(ends_at) == 1 or visit.is_joint:
+                end = ends_at[0] if len(ends_at) == 1 else UNKNOWN_PLACE
                 ends.append(FlowEvent(visit.aim.place, "set", value=end))
         tools, works = self.frames()
-        before, tool_at, work_at = (
-            reaching([*self._structure, *uses, *sets], at_start, top_first=self.top_first)
-            for sets, at_start in ((ends, UNKNOWN_PLACE), (tools.sets, tools.before), (works.sets, works.before))
-        )
+        before = self._reaching(Frames(UNKNOWN_PLACE, ends))
+        for visit in self.visits:
+            if visit.aim.element == COMPUTED:  # any element may be the one before
+                before[visit.aim.place] = frozenset([UNKNOWN_PLACE])
+        of_tools, of_works = self._reaching(tools), self._reaching(works)
         for target, held, told in found:
             own = to[target.place]
             reasons = self.changed.get(held.variable, ""), told.reason, *(visit.reason for visit in own)
@@ -296,43 +293,33 @@ class ProgramReader(ABC):
             elif not reason and self.acts and not own and not told.is_kept:
                 reason = "no motion of the program uses it"
             if not reason and target.kind == "pose":
-                of_tools = _frames(target.tool, [(v.tool, tool_at[v.aim.place]) for v in own], tools)
-                of_works = _frames(target.work, [(v.work, work_at[v.aim.place]) for v in own], works)
-                reason = _several("tools", of_tools) or _several("work frames", of_works)
+                of_visits = [[v.tool] if v.tool else of_tools[v.aim.place] for v in own]
+                tool, reason = _only("tools", [[target.tool]] if target.tool else of_visits, tools.before)
+                of_visits = [[v.work] if v.work else of_works[v.aim.place] for v in own]
+                work, several = _only("work frames", [[target.work]] if target.work else of_visits, works.before)
+                reason = reason or several
                 target = replace(
                     target,
-                    tool=of_tools[0],
-                    work=of_works[0],
+                    tool=tool,
+                    work=work,
                     near=target.near or next((visit.aim.near for visit in own if visit.aim.near), ()),
                     keeps_posture=bool(own) and all(visit.keeps for visit in own),
-                    arrivals=tuple(Arrival(visit.is_joint, _after(visit, before)) for visit in own),
+                    arrivals=tuple(Arrival(visit.is_joint, before[visit.aim.place]) for visit in own),
                 )
             if reason:
                 self._leave(target.place, target.name, reason)
             else:
                 yield target
 
-
-def _after(visit: Visit, before: dict[int, frozenset[int]]) -> frozenset[int]:
-    """Places from which a visit may come: of elements that a computed index chooses any may be the one before."""
-    return frozenset([UNKNOWN_PLACE]) if visit.aim.element == COMPUTED else before[visit.aim.place]
-
-
-def _frames(
-    own: NamedFrame | None, of_visits: Sequence[tuple[NamedFrame | None, frozenset[NamedFrame]]], frames: Frames
-) -> list[NamedFrame]:
-    """Frames of a target: its own, or those of its motions, which tell them or have them from the flow before."""
-    if own is not None:
-        return [own]
-    found = [
-        frame
-        for told, before in of_visits
-        for frame in ([told] if told is not None else sorted(before, key=lambda each: each.name))
-    ]
-    return list(dict.fromkeys(found)) or [frames.before]
+    def _reaching(self, of: Frames[Value]) -> dict[int, frozenset[Value]]:
+        """What of several values is set before each motion, by its place."""
+        uses: list[FlowEvent[Never]] = [FlowEvent(visit.aim.place, "use") for visit in self.visits]
+        return reaching([*self._structure, *uses, *of.sets], of.before, top_first=self.top_first)
 
 
-def _several(what: str, frames: Sequence[NamedFrame]) -> str:
+def _only(what: str, told: Iterable[Iterable[NamedFrame]], before: NamedFrame) -> tuple[NamedFrame, str]:
+    """The one frame that all motions to a target have, or why there are several."""
+    frames = sorted({frame for each in told for frame in each} or {before}, key=lambda each: each.name)
     if len(frames) == 1:
-        return ""
-    return f"it is used with several {what}, {frames[0].name} and {frames[1].name}; write a target for each"
+        return frames[0], ""
+    return frames[0], f"it is used with several {what}, {frames[0].name} and {frames[1].name}; write a target for each"

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
@@ -64,6 +64,7 @@ class Item:
 
 Statement = tuple[Item, ...]
 """What stands between its commas; the first item has parts."""
+_Read = tuple[Statement, int]
 
 
 @dataclass(frozen=True)
@@ -74,27 +75,6 @@ class Syntax:
     ends: str  # signs that end a statement
     behind_words: str  # brackets that belong to the word in front of them
     any_case: bool = True
-
-
-@dataclass
-class _Open:
-    """A statement or brackets that are not closed yet."""
-
-    start: int
-    begin: int  # of the present item
-    text: str = ""
-    bracket: str = ""
-    items: list[Item] = field(default_factory=list)
-    parts: list[Part] = field(default_factory=list)
-
-    def close_item(self, place: int) -> None:
-        self.items.append(Item(self.begin, place, tuple(self.parts)))
-        self.begin, self.parts = place + 1, []
-
-    def statement(self, place: int) -> Iterable[Statement]:
-        self.close_item(place)
-        if self.items[0].parts:
-            yield tuple(self.items)
 
 
 class Source:
@@ -112,39 +92,37 @@ class Source:
         code = syntax.masked.sub(lambda match: " " * len(match[0]), text.replace(_BYTE_ORDER_MARK, "   "))
         self.code = code.lower() if syntax.any_case else code
         self._line_starts = [0, *(m.end() for m in re.finditer(r"\r\n|\r|\n", text))]
-        self.statements = list(self._scanned(syntax))
+        self._syntax, self.statements, tokens, place = syntax, list[Statement](), _TOKEN.finditer(self.code), 0
+        while place < len(self.code):
+            items, place = self._read(tokens, None, place)
+            self.statements += [items] if items[0].parts else []
 
-    def _scanned(self, syntax: Syntax) -> Iterable[Statement]:
-        open_ = [_Open(0, 0)]
-        for match in _TOKEN.finditer(self.code):
-            token, place, inner = match[0], match.start(), open_[-1]
-            if token in "([{":
-                word = inner.parts.pop() if _leads(inner.parts, token, syntax) else None
-                start, text = (place, "") if word is None else (word.start, word.text)
-                open_.append(_Open(start, place + 1, text, token))
-                if len(open_) > _DEEPEST:
+    def _read(self, tokens: Iterator[re.Match[str]], opened: re.Match[str] | None, begin: int, depth: int = 0) -> _Read:
+        """Items of brackets that have been opened, or of a statement, and the place behind its end."""
+        items, parts = list[Item](), list[Part]()
+        for match in tokens:
+            token, place = match[0], match.start()
+            is_end = token in (_CLOSING if opened else self._syntax.ends)
+            if token in _CLOSING and (opened is None or opened[0] != _CLOSING[token]):
+                known = f"line {self.line(opened.start())} opened {opened[0]}" if opened else "none is open"
+                raise self._error(place, f"{token} closes no bracket ({known})")
+            if is_end or token == ",":
+                items.append(Item(begin, place, tuple(parts)))
+                begin, parts = place + 1, []
+                if is_end:
+                    return tuple(items), begin
+            elif token in "([{":
+                leads = bool(parts) and parts[-1].is_word and token in self._syntax.behind_words
+                start, word = (parts[-1].start, parts.pop().text) if leads else (place, "")
+                if depth == _DEEPEST:
                     raise self._error(place, f"brackets stand {_DEEPEST} deep in each other")
-            elif token in _CLOSING:
-                if inner.bracket != _CLOSING[token]:
-                    opened = (
-                        f"line {self.line(inner.begin)} opened {inner.bracket}" if inner.bracket else "none is open"
-                    )
-                    raise self._error(place, f"{token} closes no bracket ({opened})")
-                inner.close_item(place)
-                open_.pop()
-                part = Part(inner.start, place + 1, inner.text, inner.bracket, tuple(inner.items))
-                open_[-1].parts.append(part)
-            elif token == ",":
-                inner.close_item(place)
-            elif token in syntax.ends and not inner.bracket:
-                yield from inner.statement(place)
-                open_ = [_Open(place + 1, place + 1)]
+                inside, end = self._read(tokens, match, place + 1, depth + 1)
+                parts.append(Part(start, end, word, token, inside))
             elif not token.isspace():
-                inner.parts.append(Part(place, match.end(), "".join(token.split())))
-        last = open_[-1]
-        if last.bracket:
-            raise self._error(last.start, f"the bracket {last.bracket} is never closed")
-        yield from last.statement(len(self.code))
+                parts.append(Part(place, match.end(), "".join(token.split())))
+        if opened is not None:
+            raise self._error(opened.start(), f"the bracket {opened[0]} is never closed")
+        return (*items, Item(begin, len(self.code), tuple(parts))), len(self.code)
 
     def parts(self) -> Iterable[tuple[Part, Statement]]:
         """All parts, those within brackets too, with their statements."""
@@ -190,11 +168,6 @@ class Source:
         """Text between two places in one line, cut where it is long."""
         words = " ".join(self.text[start:end][: 10 * _LONGEST_SHOWN].split())
         return words if len(words) <= _LONGEST_SHOWN else words[: _LONGEST_SHOWN - 3] + "..."
-
-
-def _leads(parts: Sequence[Part], bracket: str, syntax: Syntax) -> bool:
-    """Whether brackets belong to the word in front of them."""
-    return bool(parts) and parts[-1].is_word and bracket in syntax.behind_words
 
 
 def _decimals(text: str) -> int:

@@ -149,7 +149,7 @@ class UrscriptReader(ProgramReader):
                 return self._plain(aim, "") if aim.literal else self._joints_of(aim.variable)
         return ()
 
-    def frames(self) -> tuple[Frames, Frames]:
+    def frames(self) -> tuple[Frames[NamedFrame], Frames[NamedFrame]]:
         """Where the tool is set; poses are in the base or behind a frame of their own."""
         sets: list[FlowEvent[NamedFrame]] = []
         for call, _ in self.source.parts():
