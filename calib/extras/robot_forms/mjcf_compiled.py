@@ -37,8 +37,8 @@ def answer(asked: dict[str, Any]) -> dict[str, Any]:
         return _chain(mujoco, mujoco.MjModel.from_xml_path(asked["model"]), asked["tip"], asked["base"])
     except RobotFileError as error:
         return {"error": str(error)}
-    except (ValueError, mujoco.FatalError) as error:
-        return {"error": f"MuJoCo refuses it: {' '.join(str(error).split())[:300]}"}
+    except (ValueError, KeyError, mujoco.FatalError) as error:  # KeyError: no such body, with those that there are
+        return {"error": f"MuJoCo refuses it: {' '.join(str(error.args[0]).split())[:300]}"}
 
 
 def _chain(mujoco: Any, m: Any, tip: str | None, base: str | None) -> dict[str, Any]:
@@ -48,11 +48,9 @@ def _chain(mujoco: Any, m: Any, tip: str | None, base: str | None) -> dict[str, 
     if tip is None and len(ends) != 1:
         found = "several tips; choose one with --tip" if ends else "no joint moves; there are"
         raise RobotFileError(f"{found}: {', '.join([*filter(None, (*(bodies[b] for b in ends), *sites))][:30])}")
-    for name in {base, tip} - {None, *bodies, *sites}:
-        raise RobotFileError(f"there is no body or site {name!r}; the bodies are {', '.join(bodies[1:30])}")
     at_site = sites.index(tip) if tip in sites else None
-    end = int(m.site_bodyid[at_site]) if at_site is not None else ends[0] if tip is None else bodies.index(tip)
-    tip, root = tip or bodies[end], 0 if base is None else bodies.index(base)
+    end = int(m.site_bodyid[at_site]) if at_site is not None else ends[0] if tip is None else m.body(tip).id
+    tip, root = tip or bodies[end], 0 if base is None else m.body(base).id
     way = [end]
     while way[0] != root:
         if way[0] == 0:

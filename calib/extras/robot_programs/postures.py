@@ -61,33 +61,33 @@ def along(robot: Robot, start: Array, goal: Array) -> Array | None:
     None where the way passes a singular posture, behind which the arm may go on in another one.
     """
     first = flange_frames(robot, start[None])[0]
-    shift_mm, turn = goal[:3, 3] - first[:3, 3], frames.rotvec_from_rotation(first[:3, :3].T @ goal[:3, :3])
-    far = float(np.hypot(np.linalg.norm(shift_mm) / _STEP_MM, np.linalg.norm(turn) / _STEP_RAD))
-    steps = min(int(far) + 1, _MOST_STEPS)
-    length_mm = max(float(np.sum(np.hypot(robot.table[:, 0], robot.table[:, 2]))), 1.0)
+    way = frames.invert(first) @ goal
+    turn = frames.rotvec_from_rotation(way[:3, :3])
+    far = float(np.hypot(np.linalg.norm(way[:3, 3]) / _STEP_MM, np.linalg.norm(turn) / _STEP_RAD))
     q, side = start, 0.0
-    for share in np.linspace(0.0, 1.0, steps + 1):
-        place = frames.make_transform(
-            first[:3, :3] @ frames.rotation_from_rotvec(share * turn), first[:3, 3] + share * shift_mm
-        )
+    for share in np.linspace(0.0, 1.0, min(int(far) + 1, _MOST_STEPS) + 1):
+        place = first @ frames.make_transform(frames.rotation_from_rotvec(share * turn), share * way[:3, 3])
         for _ in range(_ITERATIONS):
-            chain = kinematics.nominal_chain(robot, q[None])
-            at = chain.base_T_flange[0] @ robot.flange.transform
-            moved, axes = kinematics.joint_jacobian(chain, robot.is_revolute, at[None, :3, 3])
-            jacobian = np.concatenate([moved[0] / length_mm, axes[0]])
-            left_mm = place[:3, 3] - at[:3, 3]
-            left_rad = at[:3, :3] @ frames.rotvec_from_rotation(at[:3, :3].T @ place[:3, :3])
-            if np.linalg.norm(left_mm) <= 0.1 * REACHED_MM and np.linalg.norm(left_rad) <= 0.1 * REACHED_RAD:
-                break
+            left_mm, jacobian = _left(robot, q, place)
             sign = np.linalg.slogdet(jacobian)[0]
-            if sign == 0.0:
-                return None
-            q = q + np.linalg.solve(jacobian, np.concatenate([left_mm / length_mm, left_rad]))
-        sign = np.linalg.slogdet(jacobian)[0]
-        if np.linalg.norm(left_mm) > REACHED_MM or np.linalg.norm(left_rad) > REACHED_RAD or side * sign < 0.0:
+            if np.linalg.norm(left_mm) <= 0.1 * REACHED_MM or sign == 0.0:
+                break
+            q = q + np.linalg.solve(jacobian, left_mm)
+        if np.linalg.norm(left_mm) > REACHED_MM or side * sign < 0.0:
             return None
         side = sign
     return q
+
+
+def _left(robot: Robot, q: Array, place: Array) -> tuple[Array, Array]:
+    """What is left (6,) to a place of the flange, mm, turns at a length of 1 m, and its derivative (6, n)."""
+    chain = kinematics.nominal_chain(robot, q[None])
+    at = chain.base_T_flange[0] @ robot.flange.transform
+    moved, axes = kinematics.joint_jacobian(chain, robot.is_revolute, at[None, :3, 3])
+    turn = at[:3, :3] @ frames.rotvec_from_rotation(at[:3, :3].T @ place[:3, :3])
+    length_mm = REACHED_MM / REACHED_RAD
+    left_mm = np.concatenate([place[:3, 3] - at[:3, 3], length_mm * turn])
+    return left_mm, np.concatenate([moved[0], length_mm * axes[0]])
 
 
 def same_posture(one: Array, other: Array) -> bool:
@@ -126,17 +126,13 @@ def _starts(place: Place, limits: tuple[Array, Array], count: int, rng: np.rando
 
 def _solved(robot: Robot, places: Sequence[Place], starts: Array) -> list[Array]:
     """Joints (M, n) that bring the flange to each of N places, found from starts (N, S, n)."""
-    count, each, n = starts.shape
+    _, each, n = starts.shape
     goals = np.array([place.base_T_flange for place in places]) @ flange_T_tip(robot)
-    problem = ToolProblem(
-        geometric_model(robot).at_tool,
-        np.zeros(len(geometric_model(robot).at_tool.parameters)),
-        plain_poses(starts.reshape(-1, n)),
-        np.repeat(goals, each, axis=0),
-        True,
-    )
-    unlimited = np.full((count * each, n), np.inf)
-    q = solve_inverse(problem, starts.reshape(-1, n), -unlimited, unlimited, _ROUGH)
+    model, flat = geometric_model(robot).at_tool, starts.reshape(-1, n)
+    x = np.zeros(len(model.parameters))
+    problem = ToolProblem(model, x, plain_poses(flat), np.repeat(goals, each, axis=0), True)
+    unlimited = np.full(flat.shape, np.inf)
+    q = solve_inverse(problem, flat, -unlimited, unlimited, _ROUGH)
     error_mm, turn_rad = problem.errors(q)
     near = np.flatnonzero((error_mm < _NEAR_MM) & (turn_rad * problem.length_mm < _NEAR_MM))
     q[near] = solve_inverse(problem.of(near), q[near], -unlimited[near], unlimited[near])
@@ -158,31 +154,36 @@ def _choice(robot: Robot, place: Place, found: Array, limits: tuple[Array, Array
     """The one posture within limits and configuration, or of several the nearest to known joints."""
     if not len(found):
         return Posture(None, "no joints of the nominal arm bring the tool there")
-    near = np.zeros(found.shape[1]) if place.near is None else place.near
     options = found[:, None] + _TURNS[:, None]  # (M, 5, n)
     usable = (options >= limits[0] - 1e-9) & (options <= limits[1] + 1e-9)
-    within: BoolArray = np.all(np.any(usable, axis=1), axis=1)
+    within = _with_all(usable)
     if place.configuration.ranges_deg:
         commanded = np.degrees(robot.commands_of(found)[:, None] + _TURNS[:, None])
         low, high = np.array(place.configuration.ranges_deg).T
         usable &= (commanded >= low - _RANGE_TOLERANCE_DEG) & (commanded <= high + _RANGE_TOLERANCE_DEG)
-    fits = np.flatnonzero(np.all(np.any(usable, axis=1), axis=1))
+    fits = _with_all(usable)
     if len(fits) > 1:
         fits = fits[_on_sides(robot, found[fits], place.configuration)]
     few_turns = usable & (np.abs(options) <= np.pi)
-    plain = fits[np.all(np.any(few_turns[fits], axis=1), axis=1)]
+    plain = fits[_with_all(few_turns[fits])]
     if len(fits) > 1 and len(plain) and place.near is None:  # of a joint without limits whole turns are not meant
         fits, usable = plain, few_turns
+    near = np.zeros(found.shape[1]) if place.near is None else place.near
     if len(fits) == 1 or (len(fits) > 1 and place.near is not None):
         away = np.where(usable[fits], np.abs(options[fits] - near), np.inf)
         k = int(np.argmin(np.linalg.norm(away.min(axis=1), axis=1)))
         return Posture(found[fits[k]] + _TURNS[np.argmin(away[k], axis=0)])
     if len(fits):
         return Posture(None, f"the program does not tell which of {len(fits)} postures the arm has there", True)
-    if not within.any():
+    if not len(within):
         return Posture(None, "the joints that bring the tool there are beyond the limits in robot.toml")
     other = ", ".join(f"{v:.0f}°" for v in np.degrees(robot.commands_of(found[within][0])))
     return Posture(None, f"no posture of robot.toml's arm has the program's configuration there; another is {other}")
+
+
+def _with_all(usable: BoolArray) -> Array:
+    """Postures (K,), of which each joint is usable with some whole turns (M, 5, n)."""
+    return np.flatnonzero(np.all(np.any(usable, axis=1), axis=1))
 
 
 def _on_sides(robot: Robot, q: Array, configuration: Configuration) -> BoolArray:

@@ -18,14 +18,13 @@ from calib.extras.robot_programs.program_text.source import Source
 from calib.extras.robot_programs.program_text.targets import NamedFrame, ProgramTarget, SkippedLiteral
 from calib.extras.robot_programs.program_text.urscript import UrscriptReader
 
-LANGUAGES = {
-    **dict.fromkeys((".script", ".urscript"), "URScript"),
-    **dict.fromkeys((".src", ".dat"), "KRL"),
-    **dict.fromkeys((".mod", ".prg", ".sys", ".modx", ".prgx", ".sysx"), "RAPID"),
+_READERS: dict[str, type[ProgramReader]] = {
+    **dict.fromkeys((".script", ".urscript"), UrscriptReader),
+    **dict.fromkeys((".src", ".dat"), KrlReader),
+    **dict.fromkeys((".mod", ".prg", ".sys", ".modx", ".prgx", ".sysx"), RapidReader),
 }
-"""Languages by the suffix of a program's file."""
+"""Readers by the suffix of a program's file."""
 _LARGEST_BYTES = 10_000_000
-_READERS: dict[str, type[ProgramReader]] = {"URScript": UrscriptReader, "KRL": KrlReader, "RAPID": RapidReader}
 
 
 @dataclass(frozen=True)
@@ -65,24 +64,19 @@ def load_program(path: Path, others: Sequence[Path] = ()) -> Program:
         path: the program. The .dat beside a .src of the same name, and the .src beside a .dat, are read with it.
         others: more files of the same controller, which define frames and use the program's targets.
     """
-    language = language_of(path)
-    content = _content(path, language)
-    more = [(str(each), _content(each, language)) for each in [*_siblings(path), *others]]
+    reader = _reader_of(path)
+    language = reader.language
+    content, more = _content(path, language), [*_siblings(path), *others]
     for other in others:
-        if language_of(other) != language:
-            raise CalibError(
-                f"{other}: is {language_of(other)}, and {path} is {language}; name a file of its controller"
-            )
-    reader = _READERS[language]
-    texts = [(name, text.decode("latin-1")) for name, text in more]
-    found = reader(Source(reader.syntax, str(path), content.decode("latin-1"), texts)).targets()
-    if not found.targets:
-        first = next(iter(found.left), None)
-        seen = (
-            f"; {len(found.left)} left, the first in line {first.line}: {first.what}: {first.reason}" if first else ""
-        )
+        if _reader_of(other) is not reader:
+            found = _reader_of(other).language
+            raise CalibError(f"{other}: is {found}, and {path} is {language}; name a file of its controller")
+    texts = [(str(each), _content(each, language).decode("latin-1")) for each in more]
+    targets, left, notes = reader(Source(reader.syntax, str(path), content.decode("latin-1"), texts)).targets()
+    if not targets:
+        seen = f"; {len(left)} left, the first in line {left[0].line}: {left[0].what}: {left[0].reason}" if left else ""
         raise CalibError(f"{path}: no target in plain numbers was found in this {language} program{seen}")
-    return Program(path, language, content, found.targets, found.left, found.notes)
+    return Program(path, language, content, targets, left, notes)
 
 
 def _content(path: Path, language: str) -> bytes:
@@ -110,13 +104,13 @@ def _siblings(path: Path) -> list[Path]:
     return [each for each in beside if each.stem.lower() == path.stem.lower() and each.suffix.lower() == other][:1]
 
 
-def language_of(path: Path) -> str:
-    """Language of a program by its suffix. Raises CalibError for an unknown one."""
-    language = LANGUAGES.get(path.suffix.lower())
-    if language is None:
-        known = ", ".join(f"{suffix} ({name})" for suffix, name in LANGUAGES.items())
+def _reader_of(path: Path) -> type[ProgramReader]:
+    """Reader of a program by its suffix. Raises CalibError for an unknown one."""
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(f"{suffix} ({each.language})" for suffix, each in _READERS.items())
         raise CalibError(f"{path}: its suffix is that of no robot program; known are {known}")
-    return language
+    return reader
 
 
 Frames = Mapping[str, Array]

@@ -100,26 +100,6 @@ def test_a_mujoco_model_that_cannot_be_used_is_one_line(tmp_path: Path, old: str
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.thorough
-def test_what_says_nothing_of_joints_and_masses_changes_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "arm.xml"
-    path.write_text(model())
-    alone = chain(path)
-    path.write_text(
-        model(
-            HAND + '<geom type="box" size="1 1 1" material="m"/><camera name="c"/><light/>',
-            before='<option gravity="0 0 -9.81"/><default><geom mass="0"/><camera fovy="20"/></default><visual/>'
-            '<asset><texture name="t" type="2d" builtin="flat" width="8" height="8"/><material name="m" texture="t"/>'
-            "</asset>",
-            after='<actuator><motor joint="j1"/></actuator><sensor><jointpos joint="j1"/></sensor><keyframe>'
-            '<key qpos="0 0"/></keyframe><custom><numeric name="n" size="20"/></custom>',
-        )
-    )
-    whole = chain(path)
-    assert np.array_equal(whole.at_zero, alone.at_zero)
-    assert [joint.mass_kg for joint in whole.joints] == [1.0, 2.0]
-
-
 @pytest.mark.slow
 def test_meshes_weigh_what_mujoco_says(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"

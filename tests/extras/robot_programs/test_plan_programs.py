@@ -151,6 +151,17 @@ def test_a_program_goes_the_planned_way_and_measures_at_each_pose(plan: Plan, su
     assert stops[poses_at[7]] < between < stops[poses_at[7] + 1]
 
 
+def test_a_pose_that_is_approached_from_a_side_is_come_to_from_there(plan: Plan) -> None:
+    at, (_, poses_at) = (
+        np.radians(moves(run(planned_program(Path("m.src"), plan, MeasuringOptions())))),
+        expected_way(plan),
+    )
+    arrives = np.sign(at[poses_at] - at[np.array(poses_at) - 1])
+    assert plan.poses.approach is not None
+    inside = (np.abs(plan.poses.q) < np.radians(150.0)).all(axis=1)
+    np.testing.assert_array_equal(arrives[inside], plan.poses.approach[inside])
+
+
 def test_each_piece_of_the_way_is_free_as_a_fine_walk_along_it_finds(plan: Plan) -> None:
     assert plan.blocked
     assert any(len(way.vias) for way in plan.ways)
@@ -196,6 +207,8 @@ def test_point_lists_lead_around_too(plan: Plan) -> None:
     rows = re.findall(r"^\w+ = \[([^\]]*)\]", planned_file(Path("poses.script"), plan), re.MULTILINE)
     written = [[float(v) for v in row.split(",")] for row in rows]
     np.testing.assert_allclose(np.degrees(written), expected_way(plan)[0], atol=1e-7)
+    with pytest.raises(CalibError, match=re.escape("poses.txt: a plan is")):
+        planned_file(Path("poses.txt"), plan)
 
 
 def test_a_pose_without_a_free_way_makes_no_program(plan: Plan) -> None:

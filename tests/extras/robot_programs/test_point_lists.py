@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib import calibrate, corrected_joints
-from calib.array_types import Array
 from calib.compensation.correction import Correction
 from calib.compensation.target_files import corrected_points
 from calib.dataset.files.robot_toml import builtin_robot
@@ -36,27 +35,11 @@ def correction() -> Correction:
     return replace(found, reached=reached, reasons=tuple(reasons))
 
 
-AROUND = {
-    ".script": [],
-    ".dat": ["DEFDAT my_targets PUBLIC", "ENDDAT"],
-    ".mod": ["MODULE my_targets", "ENDMODULE"],
+FORMS = {
+    ".script": (r"^(\w+) = \[([^\]]*)\]", 1.0),
+    ".dat": (r"^DECL GLOBAL AXIS (\w+)=\{([^}]*)\}", np.pi / 180.0),
+    ".mod": (r"^  CONST jointtarget (\w+):=\[\[([^\]]*)\],\[9E9,9E9,9E9,9E9,9E9,9E9\]\];", np.pi / 180.0),
 }
-
-
-def read(text: str, suffix: str) -> dict[str, Array]:
-    """Names and joint values in rad of the lines that are no comments."""
-    lines = [line for line in text.splitlines() if not line.lstrip().startswith(("#", ";", "!"))]
-    patterns = {
-        ".script": r"^(\w+) = \[([^\]]*)\]",
-        ".dat": r"^DECL GLOBAL AXIS (\w+)=\{([^}]*)\}",
-        ".mod": r"^  CONST jointtarget (\w+):=\[\[([^\]]*)\],\[9E9,9E9,9E9,9E9,9E9,9E9\]\];",
-    }
-    found = [re.match(patterns[suffix], line) for line in lines]
-    rows = [m for m in found if m]
-    around = [line for line, m in zip(lines, found, strict=True) if not m]
-    assert around == AROUND[suffix]
-    values = {m[1]: np.array([float(re.sub(r"^A\d ", "", v.strip())) for v in m[2].split(",")]) for m in rows}
-    return values if suffix == ".script" else {name: np.radians(v) for name, v in values.items()}
 
 
 def written(name: str, correction: Correction) -> str:
@@ -70,11 +53,14 @@ def written(name: str, correction: Correction) -> str:
 def test_what_a_controller_reads_is_what_was_corrected(correction: Correction, suffix: str) -> None:
     text = written(f"my targets{suffix}", correction)
     assert text.isascii()
-    got = read(text, suffix)
+    code = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith(("#", ";", "!")))
     names = identifiers(IDS, LONGEST[suffix])
-    assert list(got) == [names[k] for k in (0, 1, 2, 4)]  # what is not reached is no target
-    for k in (0, 1, 2, 4):
-        assert got[names[k]] == pytest.approx(correction.q[k], abs=2e-9)
+    pattern, unit = FORMS[suffix]
+    rows = re.findall(pattern, code, re.MULTILINE)
+    assert [name for name, _ in rows] == [names[k] for k in (0, 1, 2, 4)]  # what is not reached is no target
+    for k, (_, values) in zip((0, 1, 2, 4), rows, strict=True):
+        q = [unit * float(value.split()[-1]) for value in values.split(",")]
+        assert q == pytest.approx(correction.q[k], abs=2e-9)
     left_out = next(line for line in text.splitlines() if "left out" in line)
     assert names[3] in left_out
     assert "joint 2 would stand beyond its limit" in left_out

@@ -41,14 +41,15 @@ _POSE = ("x", "y", "z", "a", "b", "c")
 _EXTERNAL = ("e1", "e2", "e3", "e4", "e5", "e6")
 _MOTIONS = {"ptp": 1, "sptp": 1, "lin": 1, "slin": 1, "spl": 1, "circ": 2, "scirc": 2}  # and how many targets each has
 _NULL = {"$nullframe": ("tool", "base"), "$world": ("base",), "$robroot": ("base",)}
+_NO_POSITION = re.compile(r"\$|(base|tool)_data")
 _FIXED = "moves a workpiece at a fixed tool"
 
 
 class KrlReader(ProgramReader):
     """Targets of a KRL source or data file."""
 
+    language, blocks = "KRL", _BLOCKS
     syntax = Syntax(re.compile(r"\"[^\"\r\n]*\"?|;[^\r\n]*|(?:(?<=\n)|(?<=\r)|\A)[ \t]*&[^\r\n]*"), "\r\n", "([")
-    blocks = _BLOCKS
 
     def moves(self, statement: Statement) -> Iterable[Visit]:
         """The motions of a line; where a relative joint motion ends is not known."""
@@ -68,19 +69,17 @@ class KrlReader(ProgramReader):
                 aim = Aim(aim.place)  # an offset from it
             yield Visit(aim, self.text(motion).upper(), is_joint, not is_joint, tool=own[0], work=own[1])
 
-    def told(self, held: Held, statement: Statement) -> Told | str | None:
+    def told(self, held: Held) -> Told | str | None:
         """The target of an aggregate."""
         parts = _components(held.literal)
         wanted = _JOINTS if parts.keys() & {*_JOINTS} else _POSE
         if not parts.keys() <= {*_JOINTS, *_POSE, *_EXTERNAL, "s", "t"} or not parts.keys() & {*wanted}:
             return None
         missing = ", ".join(each.upper() for each in wanted if each not in parts)
-        if statement[0].parts[0].text.endswith("_rel"):
-            return "a relative motion"
-        if held.by is not None and (held.by.component or re.match(r"\$|(base|tool)_data", held.variable)):
-            return "the definition of a tool or base, or another variable of the system"
-        if held.by is not None and "frame" in held.by.before:
-            return "a FRAME, no position"
+        if held.by is not None and (
+            held.by.component or "frame" in held.by.before or _NO_POSITION.match(held.variable)
+        ):
+            return "a frame, the definition of a tool or base, or another variable of the system"
         if missing:
             return f"part of a position: the controller keeps the present {missing}"
         target = ProgramTarget("pose" if wanted is _POSE else "joints", configuration=self._configuration(parts))

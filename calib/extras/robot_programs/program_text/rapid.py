@@ -52,6 +52,7 @@ _POSE, _JOINTS = [3, 4, 4, 6], [6, 6]  # counts of numbers in the lists of a tar
 class RapidReader(ProgramReader):
     """Targets of a RAPID module or program."""
 
+    language = "RAPID"
     syntax = Syntax(re.compile(r"\"[^\"\r\n]*\"?|![^\r\n]*"), ";:", "({")
     assigns, index, blocks, then = ":=", "{}", _BLOCKS, "then"
 
@@ -131,7 +132,7 @@ class RapidReader(ProgramReader):
             return NamedFrame(name, None)
         return NamedFrame(name, transform)
 
-    def told(self, held: Held, statement: Statement) -> Told | str | None:
+    def told(self, held: Held) -> Told | str | None:
         """The target of a literal."""
         counts = _counts(held.literal)
         kind = held.by.before[-1] if held.by is not None and held.by.before else ""

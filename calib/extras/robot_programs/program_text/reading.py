@@ -21,7 +21,6 @@ from calib.extras.robot_programs.program_text.targets import (
     Arrival,
     NamedFrame,
     ProgramTarget,
-    ProgramTargets,
     SkippedLiteral,
 )
 from calib.rendering import numbers
@@ -103,6 +102,7 @@ class Frames(Generic[Value]):
 class ProgramReader(ABC):
     """A program's targets, and what looks like one and is left. Class attributes tell what a language is made of."""
 
+    language: ClassVar[str]
     syntax: ClassVar[Syntax]
     assigns: ClassVar[str] = "="  # sign of an assignment
     index: ClassVar[str] = "[]"  # brackets of an array's index
@@ -133,7 +133,7 @@ class ProgramReader(ABC):
         """The motions of a statement."""
 
     @abstractmethod
-    def told(self, held: Held, statement: Statement) -> Told | str | None:
+    def told(self, held: Held) -> Told | str | None:
         """A literal's target, why it is left, or None where it does not look like one."""
 
     def frames(self) -> tuple[Frames[NamedFrame], Frames[NamedFrame]]:
@@ -226,16 +226,16 @@ class ProgramReader(ABC):
                         aim, aim.literal, self.name(each) + index.join(self.index) * bool(index), each.name, index, each
                     )
 
-    def targets(self) -> ProgramTargets:
-        """Targets with their frames and arrivals, and what is left."""
+    def targets(self) -> tuple[tuple[ProgramTarget, ...], tuple[SkippedLiteral, ...], tuple[str, ...]]:
+        """Targets with their frames and arrivals, what is left, and remarks on the whole."""
         held = {each.literal.start: each for each in reversed(list(self._held()))}
         found: list[tuple[ProgramTarget, Held, Told]] = []
         external: list[int] = []
-        for part, statement in self.source.parts():
+        for part, _ in self.source.parts():
             if part.start >= self.source.own_end or not self.is_literal(part):
                 continue
             by = held.get(part.start, Held(Aim(part.start), part))
-            told = self.told(by, statement)
+            told = self.told(by)
             if isinstance(told, Told) and not by.name:
                 told = "an argument or part of an expression"
             values = self.source.numbers(told.items, self.units) if isinstance(told, Told) else told
@@ -252,7 +252,7 @@ class ProgramReader(ABC):
             where = f"line {numbers.in_short(external, 1)}"
             note = f"external axes move ({where}): the arm's base is taken to stand, which is wrong where they carry it"
             self.notes.append(note)
-        return ProgramTargets(targets, tuple(sorted(self._left, key=lambda each: each.line)), tuple(self.notes))
+        return targets, tuple(sorted(self._left, key=lambda each: each.line)), tuple(self.notes)
 
     def _leave(self, place: int, what: str, reason: str) -> None:
         self._left.append(SkippedLiteral(self.source.line(place), what, reason))

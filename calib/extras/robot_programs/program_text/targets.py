@@ -97,12 +97,3 @@ class SkippedLiteral:
     line: int
     what: str
     reason: str
-
-
-@dataclass(frozen=True)
-class ProgramTargets:
-    """Targets of a program, what else looks like one, and remarks on the whole."""
-
-    targets: tuple[ProgramTarget, ...]
-    left: tuple[SkippedLiteral, ...]
-    notes: tuple[str, ...] = ()

@@ -54,6 +54,7 @@ _BASE = NamedFrame("base", np.eye(4))
 class UrscriptReader(ProgramReader):
     """Targets of a URScript program."""
 
+    language = "URScript"
     syntax = Syntax(re.compile(r"\"[^\"\r\n]*\"?|'[^'\r\n]*'?|#[^\r\n]*"), "\r\n", "([", any_case=False)
     blocks, first_index, top_first, units = _BLOCKS, 0, True, {"d2r": pi / 180.0}
 
@@ -94,7 +95,7 @@ class UrscriptReader(ProgramReader):
                     seen.add(aim.place)
                     yield Visit(aim, call.text, aim.is_joint or call.text in _JOINT_MOTIONS)
 
-    def told(self, held: Held, statement: Statement) -> Told | str | None:
+    def told(self, held: Held) -> Told | str | None:
         """The target of a list or pose of six."""
         literal = held.literal
         if len(literal.items) != 6 or any(part.bracket == "[" for item in literal.items for part in item.parts):
