@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.compensation.target_correction import plain_poses
 from calib.compensation.tool_problem import ToolProblem
 from calib.extras.robot_programs.program_text.targets import NO_CONFIGURATION, Configuration
@@ -181,7 +181,7 @@ def _choice(robot: Robot, place: Place, found: Array, limits: tuple[Array, Array
     return Posture(None, f"no posture of robot.toml's arm has the program's configuration there; another is {other}")
 
 
-def _with_all(usable: BoolArray) -> Array:
+def _with_all(usable: BoolArray) -> IndexArray:
     """Postures (K,), of which each joint is usable with some whole turns (M, 5, n)."""
     return np.flatnonzero(np.all(np.any(usable, axis=1), axis=1))
 

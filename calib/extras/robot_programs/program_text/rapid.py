@@ -75,9 +75,8 @@ class RapidReader(ProgramReader):
         arguments = [(item, words) for item in items if (words := self._words(item))]
         of_work = next((item for item in items if "wobj" in [part.text for part in item.parts]), None)
         last = -3 if _SIGNAL.fullmatch(name) else -1
-        if of_work is not None:  # it stands behind the tool
-            last = max(k for k, (item, _) in enumerate(arguments) if item.start <= of_work.start)
-        told = arguments[last][1][0] if len(arguments) > 2 else None
+        tools = [each for each in arguments if of_work is None or each[0].start <= of_work.start]
+        told = tools[last if of_work is None else -1][1][0] if len(tools) > 2 else None
         tool = self._named(self.text(told) if told is not None and told.is_word else "the tool")
         work = self._named("wobj0" if of_work is None else self.text(of_work.parts[-1]))
         is_joint = bool(_BY_JOINTS.match(name))
