@@ -57,17 +57,22 @@ class KrlReader(ProgramReader):
         is_joint = motion.text.removesuffix("_rel").endswith("ptp")
         if motion.text in ("ptp_rel", "sptp_rel"):
             yield Visit(Aim(motion.end), is_joint=True)
-        own = [
-            next(
-                (self._frame(each) for each in self._sets(kind) if motion.start < each.place < statement[-1].end), None
-            )
-            for kind in ("tool", "base")
-        ]
         for item in (statement[0].behind(1), *statement[1:])[: _MOTIONS.get(motion.text, 0)]:
             aim = self.aim(replace(item, parts=item.parts[:1]))
             if aim.literal is not None and ":" in [part.text for part in item.parts[1:2]]:
                 aim = Aim(aim.place)  # an offset from it
-            yield Visit(aim, self.text(motion).upper(), is_joint, not is_joint, tool=own[0], work=own[1])
+            own = self._with(statement)
+            name = self.text(motion).upper()
+            yield Visit(aim, name, is_joint, not is_joint, tool=own.get("tool"), work=own.get("base"))
+
+    def _with(self, statement: Statement) -> dict[str, NamedFrame]:
+        """Frames that a motion sets behind WITH, by their kinds."""
+        places = [part.start for item in statement for part in item.parts]
+        return {each.name[1:]: self._frame(each) for place in places if (each := self._set_places.get(place))}
+
+    @cached_property
+    def _set_places(self) -> dict[int, Assignment]:
+        return {each.place: each for kind in ("tool", "base") for each in self._sets(kind)}
 
     def told(self, held: Held) -> Told | str | None:
         """The target of an aggregate."""
@@ -175,7 +180,7 @@ class KrlReader(ProgramReader):
                 yield each.place, self._frame(each)
         for each in self.assignments.get("fdat_act", []):
             yield each.place, NamedFrame(f"the {kind} of {self.text(each.value)}", None)
-        for call, _ in self.source.parts():
+        for call, _ in self.source.parts:
             texts = [part.text for item in call.items for part in item.parts]
             if call.text == "bas" and texts[:2] == ["#", kind]:
                 yield call.start, self._numbered(kind, "".join(texts[2:]))

@@ -196,7 +196,7 @@ class ProgramReader(ABC):
                     yield FlowEvent(part.start, kind, name)
                 if kind == "if" and self.then not in ("", *(each.text for each in parts[k:])):
                     yield FlowEvent(statement[-1].end, "end")
-        for part, statement in self.source.parts():
+        for part, statement in self.source.parts:
             is_call = part.text in self.routines and (part.bracket == "(" or bool(self.then))
             if is_call and part.start not in heads and statement[0].parts[0].text not in _DECLARES:
                 yield FlowEvent(part.start, "call", part.text)
@@ -231,7 +231,7 @@ class ProgramReader(ABC):
         held = {each.literal.start: each for each in reversed(list(self._held()))}
         found: list[tuple[ProgramTarget, Held, Told]] = []
         external: list[int] = []
-        for part, _ in self.source.parts():
+        for part, _ in self.source.parts:
             if part.start >= self.source.own_end or not self.is_literal(part):
                 continue
             by = held.get(part.start, Held(Aim(part.start), part))

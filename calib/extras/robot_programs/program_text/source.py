@@ -78,7 +78,10 @@ class Syntax:
 
 
 class Source:
-    """A program's text and its statements. The texts of other files of the program follow its own."""
+    """A program's text, its statements, and all parts of them, each with its statement.
+
+    The texts of other files of the program follow its own.
+    """
 
     def __init__(self, syntax: Syntax, path: str, text: str, others: Sequence[tuple[str, str]] = ()) -> None:
         """Read a program's text, and those of other files by their paths. Raises CalibError for unmatched brackets."""
@@ -96,6 +99,7 @@ class Source:
         while place < len(self.code):
             items, place = self._read(tokens, None, place)
             self.statements += [items] if items[0].parts else []
+        self.parts = [(part, each) for each in self.statements for item in each for part in item.deep()]
 
     def _read(self, tokens: Iterator[re.Match[str]], opened: re.Match[str] | None, begin: int, depth: int = 0) -> _Read:
         """Items of brackets that have been opened, or of a statement, and the place behind its end."""
@@ -123,10 +127,6 @@ class Source:
         if opened is not None:
             raise self._error(opened.start(), f"the bracket {opened[0]} is never closed")
         return (*items, Item(begin, len(self.code), tuple(parts))), len(self.code)
-
-    def parts(self) -> Iterable[tuple[Part, Statement]]:
-        """All parts, those within brackets too, with their statements."""
-        return ((part, statement) for statement in self.statements for item in statement for part in item.deep())
 
     def _error(self, place: int, words: str) -> CalibError:
         where = f"{self._file(place)[1]}: line {self.line(place)}"

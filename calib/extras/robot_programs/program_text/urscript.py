@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cached_property
 from math import pi
 
 import numpy as np
@@ -61,7 +62,7 @@ class UrscriptReader(ProgramReader):
     @property
     def acts(self) -> bool:
         """Whether it calls anything that a list of points does not."""
-        return any(part.bracket == "(" and part.text not in ("", *_PLAIN) for part, _ in self.source.parts())
+        return any(part.bracket == "(" and part.text not in ("", *_PLAIN) for part, _ in self.source.parts)
 
     def is_changed(self, assignment: Assignment) -> bool:
         """Whether a number of a list is set."""
@@ -118,14 +119,18 @@ class UrscriptReader(ProgramReader):
         """Frame that the first argument of a `pose_trans` is, or why the pose behind it is left."""
         aim = self.aim(item)
         name = aim.variable
-        if name in {visit.aim.variable for visit in self.visits} - {"", COMPUTED}:
+        if name in self._visited:
             return f"an offset from {name}, which moves along with it"
-        if not aim.literal and name not in (COMPUTED, *self.assignments, *self.parameters):
+        if name not in ("", COMPUTED) and name not in self.assignments and name not in self.parameters:
             return NamedFrame(name, None)
         frame = self._plain_frame(
             aim if aim.literal else self._once(name), name or f"the frame of {self.source.at_line(item.start)}"
         )
         return f"it stands behind {self.text(item)}, which the program computes" if frame.transform is None else frame
+
+    @cached_property
+    def _visited(self) -> set[str]:
+        return {visit.aim.variable for visit in self.visits} - {"", COMPUTED}
 
     def _plain_frame(self, aim: Aim | None, name: str) -> NamedFrame:
         """Frame by a literal of plain numbers; without its transform for anything else."""
@@ -153,7 +158,7 @@ class UrscriptReader(ProgramReader):
     def frames(self) -> tuple[Frames[NamedFrame], Frames[NamedFrame]]:
         """Where the tool is set; poses are in the base or behind a frame of their own."""
         sets: list[FlowEvent[NamedFrame]] = []
-        for call, _ in self.source.parts():
+        for call, _ in self.source.parts:
             if call.text == "set_tcp" and call.items:
                 aim = self.aim(call.items[0])
                 held = None if aim.literal else self._once(aim.variable)
