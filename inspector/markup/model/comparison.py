@@ -9,7 +9,7 @@ from calib.calibration.noise_level import noise_level
 from calib.present.fit.errors import errors_by_version, pose_error_by_version
 from calib.present.names import ROLES
 from calib.rendering import html, numbers
-from calib.rendering.blocks import Paragraph, Section
+from calib.rendering.blocks import Block, Facts, Paragraph, Section
 from calib.statistics import rms
 from inspector.markup.parts import colour_scale, elements
 from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS
@@ -21,8 +21,8 @@ ERROR_OF_NONE = "This pose is left out of fits and tests, so it has no error."
 def figures_html(view: View) -> str:
     """HTML of each version's key figures, with the error by noise alone."""
     table = errors_by_version(view.versions, MODEL_COLOURS)
-    note = Paragraph("Training poses are fitted; test poses are only predicted.", soft=True)
-    return html.panel([Section("3D errors, mm: RMSE and largest", [table, note])])
+    note = "Training poses are fitted; test poses are only predicted."
+    return _section("3D errors, mm: RMSE and largest", note, table)
 
 
 def exaggeration(view: View) -> str:
@@ -59,35 +59,35 @@ def pose_html(view: View) -> str:
     table = pose_error_by_version(view.versions, view.pose, MODEL_COLOURS)
     if not table.rows:
         why = ERROR_OF_NONE if view.pose_id in view.session.uncounted else "No measured point to compare with."
-        return html.panel([Section(f"Pose {view.pose_id}", [Paragraph(why, soft=True)])])
-    note = Paragraph("In the instrument's frame, mean over the pose's points.", soft=True)
-    return html.panel([Section(f"Pose {view.pose_id}: predicted − measured, mm", [table, note])])
+        return _section(f"Pose {view.pose_id}", why)
+    note = "In the instrument's frame, mean over the pose's points."
+    return _section(f"Pose {view.pose_id}: predicted − measured, mm", note, table)
 
 
 def distance_html(view: View, distances_mm: Array | None) -> str:
     """HTML on the scan's distances to the three faces found in it, with their colour scale."""
     if view.session.dataset.scan_folder is None:
         return ""
-    title = elements.heading(f"Jig over scan {view.pose_id}")
+    title = f"Jig over scan {view.pose_id}"
     if distances_mm is None:
-        return title + elements.note("No corner was found in this scan, so there is no place for the jig's model.")
+        return _section(title, "No corner was found in this scan, so there is no place for the jig's model.")
     known = distances_mm[np.isfinite(distances_mm)]
     if not len(known):
-        return title + elements.note("No point of this scan lies on the jig's faces.")
-    facts = [
-        ("points on the jig", f"{len(known):,} of {len(distances_mm):,}"),
-        ("rms distance", numbers.length(rms(known))),
-        ("19 in 20 within", f"±{numbers.length(float(np.percentile(np.abs(known), 95)))}"),
-    ]
-    return (
-        title
-        + distance_bar(distances_mm)
-        + elements.facts(facts)
-        + elements.legend((FACE_COLOURS[i], f"model's face {i + 1}") for i in range(3))
-        + elements.note(
-            "Positive is outside the jig, towards the scanner. Look for patches of one colour: a bent face."
-        )
+        return _section(title, "No point of this scan lies on the jig's faces.")
+    facts = Facts(
+        [
+            ("points on the jig", f"{len(known):,} of {len(distances_mm):,}"),
+            ("rms distance", numbers.length(rms(known))),
+            ("19 in 20 within", f"±{numbers.length(float(np.percentile(np.abs(known), 95)))}"),
+        ]
     )
+    told = "Positive is outside the jig, towards the scanner. Look for patches of one colour: a bent face."
+    faces = elements.legend((FACE_COLOURS[i], f"model's face {i + 1}") for i in range(3))
+    return _section(title, told, facts) + distance_bar(distances_mm) + faces
+
+
+def _section(title: str, note: str, *blocks: Block) -> str:
+    return html.panel([Section(title, [*blocks, Paragraph(note, soft=True)])])
 
 
 def roles_legend(view: View) -> str:
