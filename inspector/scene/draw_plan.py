@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 
 from calib import frames
@@ -15,7 +13,7 @@ from calib.workcell.scan_field import BoxField, ScanField
 from inspector.markup.parts.palette import GOOD, HIGHLIGHT, MEASURE, rgb
 from inspector.scene import model_nodes
 from inspector.scene.arm_shape import ArmShape, arm_shape
-from inspector.scene.scene_view import Nodes, Pen, SceneView
+from inspector.scene.scene_view import Nodes, Pen, SceneView, frustum_edges
 from inspector.session.planned import Planned
 from inspector.session.view import View
 
@@ -83,14 +81,8 @@ def field_edges(field: ScanField | BoxField | None) -> Array:
     """Edges (K, 2, 3) of the scanner's field, in the scanner's frame; for a camera with its lines of sight."""
     if field is None:
         return np.zeros((0, 2, 3))
-    sides = np.array(list(product((0, 1), repeat=3)))  # (8, 3)
-    pairs = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.sum(sides[a] != sides[b]) == 1]
-    if isinstance(field, BoxField):
-        corners = np.where(sides == 1, field.high_mm, field.low_mm)
-        return np.array([[corners[a], corners[b]] for a, b in pairs])
-    depth_mm = field.distance_mm + field.depth_mm * (sides[:, 2] - 0.5)
-    half_mm = 0.5 * np.array([field.width_mm, field.height_mm])
-    across = (np.where(sides[:, :2] == 1, half_mm, -half_mm) + np.array(field.middle_mm)) / field.distance_mm
-    corners = np.column_stack([across * depth_mm[:, None], depth_mm])
-    sight = [[np.zeros(3), corner] for corner, side in zip(corners, sides, strict=True) if side[2] == 0]
-    return np.array([*([corners[a], corners[b]] for a, b in pairs), *sight])
+    if isinstance(field, ScanField):
+        return frustum_edges(field.corners_mm)
+    around, ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), np.array([field.low_mm, field.high_mm])
+    corners = [[[ends[i, 0], ends[j, 1], end[2]] for i, j in around] for end in ends]
+    return frustum_edges(np.array(corners))[:-4]  # without lines of sight

@@ -14,6 +14,15 @@ from inspector.figures.svg.text import hover, number
 
 Trace = Mapping[str, Any]
 _ONLY_ON_SCREEN = "<br>double-click: show all"  # of a hover text
+_CORNERS = {  # of markers, over half their size: to the right and down
+    "square": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
+    "diamond": ((0, -1.25), (1.25, 0), (0, 1.25), (-1.25, 0)),
+    "triangle-up": ((0, -1), (1, 1), (-1, 1)),
+    "triangle-down": ((0, 1), (1, -1), (-1, -1)),
+    "line-ns": ((0, -1), (0, 1)),
+    "line-ew": ((-1, 0), (1, 0)),
+}
+_LINE_PX = {"line-ns": 1, "line-ew": 3}
 DASHES = {"dash": ' stroke-dasharray="7 5"', "dot": ' stroke-dasharray="2 4"'}
 
 
@@ -47,29 +56,14 @@ def drawn(trace: Trace, before: Trace | None, panel: Panel) -> str:
 
 def symbol(kind: str, x: float, y: float, size: float, colour: str, *, title: str = "", opacity: float = 1.0) -> str:
     """SVG of a plotly marker: a circle, a diamond, a square, or a dash ("line-ns", "line-ew")."""
-    half = 0.5 * size
     faint = f' opacity="{opacity:g}"' if opacity < 1.0 else ""
     if kind == "circle":
-        shape = f'<circle cx="{number(x)}" cy="{number(y)}" r="{number(half)}" fill="{colour}"{faint}'
-    elif kind in ("line-ns", "line-ew"):
-        along = f"v{number(size)}" if kind == "line-ns" else f"h{number(size)}"
-        start = (x, y - half) if kind == "line-ns" else (x - half, y)
-        width = 1 if kind == "line-ns" else 3
-        place = f"M{number(start[0])} {number(start[1])}{along}"
-        shape = f'<path d="{place}" stroke="{colour}" stroke-width="{width}"{faint}'
-    elif kind == "square":
-        shape = (
-            f'<rect x="{number(x - half)}" y="{number(y - half)}" width="{number(size)}" height="{number(size)}" '
-            f'fill="{colour}"{faint}'
-        )
-    elif kind in ("triangle-up", "triangle-down"):
-        up = half if kind == "triangle-up" else -half
-        place = f"M{number(x)} {number(y - up)}l{number(half)} {number(2.0 * up)}h{number(-size)}z"
-        shape = f'<path d="{place}" fill="{colour}"{faint}'
+        shape = f'<circle cx="{number(x)}" cy="{number(y)}" r="{number(0.5 * size)}" fill="{colour}"{faint}'
     else:
-        reach = 1.25 * half
-        r = number(reach)
-        shape = f'<path d="M{number(x)} {number(y - reach)}l{r} {r}l-{r} {r}l-{r} -{r}z" fill="{colour}"{faint}'
+        corners = _CORNERS.get(kind, _CORNERS["diamond"])
+        places = " ".join(f"{number(x + 0.5 * size * u)},{number(y + 0.5 * size * v)}" for u, v in corners)
+        width = f' stroke="{colour}" stroke-width="{_LINE_PX[kind]}"' if kind in _LINE_PX else ""
+        shape = f'<polygon points="{places}" fill="{colour}"{width}{faint}'
     return f"{shape}>{title}</{shape[1:].split(' ')[0]}>" if title else f"{shape}/>"
 
 
