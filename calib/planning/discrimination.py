@@ -34,11 +34,11 @@ from calib.planning.effect_hypotheses import (
     hypothesis_sets,
     predict,
 )
-from calib.planning.offered_poses import OFFERED, offered_poses
+from calib.planning.offered_poses import offered_poses
 from calib.planning.purpose import SPLIT, purposes
 from calib.planning.unknowns import require_points
 from calib.plugins import load
-from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 
 NEXT_POSES = 5  # poses that are advised where effects are confounded
 ENOUGH_POWER = 0.9  # power that is enough
@@ -100,32 +100,6 @@ def _next_discrimination(diagnosis: Diagnosis) -> Discrimination | None:
         return discriminate(first.calibration, first.hypotheses, offered_poses(first.calibration), NEXT_POSES)
     except FitError:  # too few poses to fit a hypothesis at all
         return None
-
-
-def discriminating_poses(
-    calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, offered: int = OFFERED
-) -> tuple[DiscriminatingPose, ...]:
-    """Poses that together discriminate best between candidate causes of a calibration's residual.
-
-    The poses can be measured, as far as the cell is known, under the conditions of the measured ones. () for fewer than
-    two causes that show at all.
-
-    Raises FitError where no degree of freedom is left.
-    """
-    candidates = offered_poses(calibration, count=offered)
-    discrimination = discriminate(calibration, [EffectHypothesis.of(cause) for cause in causes], candidates, count)
-    return () if discrimination is None else commanded_poses(discrimination, calibration)
-
-
-def nearest_alternative(screening: Screening, name: str) -> Candidate | None:
-    """Candidate confounded with a given one that ranks best; if there is none, the best of all others."""
-    ranked = screening.candidates
-    chosen = next((c for c in ranked if c.name == name), None)
-    if chosen is None or not chosen.members:
-        return None
-    others = [c for c in ranked if c.name != name and c.members]
-    likely = [c for c in others if chosen.overlaps.get(c.name, 0.0) > MIN_CONFOUNDED_OVERLAP]
-    return next(iter((*likely, *others)), None)
 
 
 # ---- the choice and what it achieves --------------------------------------------------------------------------------

@@ -386,7 +386,7 @@ class App:
 
     def candidate(self) -> None:
         """Show the details of the chosen candidate effect."""
-        self.worker.submit("candidate", lambda: self.model.compare())
+        self.worker.submit("candidate", lambda: self.model.choose())
 
     def select_effect(self, name: str) -> None:
         """Select an effect named in a sentence."""

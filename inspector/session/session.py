@@ -25,7 +25,7 @@ from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
-from calib.planning.discrimination import DiscriminatingPose, NextPoses
+from calib.planning.discrimination import NextPoses
 from calib.screening.candidates import Screening
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.residual_tests import ResidualTests
@@ -49,14 +49,6 @@ class StepErrors:
 
 
 @dataclass(frozen=True)
-class Separation:
-    """Poses at which the predictions of a candidate effect and of the most similar effect differ most."""
-
-    rival: str
-    poses: tuple[DiscriminatingPose, ...]
-
-
-@dataclass(frozen=True)
 class Session:
     """All results known for one dataset; a new corner drops the calibration, which is then out of date."""
 
@@ -68,7 +60,6 @@ class Session:
     effects: tuple[SelectedEffect, ...] = ()  # beyond the link errors
     screening: Screening | None = None  # of everything not in this calibration's model
     pose_errors: PoseErrors | None = None  # where the calibration is off; known with the screening
-    separations: Mapping[str, Separation] = field(default_factory=dict)  # by candidate, as far as asked for
     residual_tests: ResidualTests | None = None  # known soon after the screening
     advice: Advice | None = None  # the move that leads on from this model; known with the residual tests
     diagnosis: Diagnosis | None = None  # the verdict on this model, where no move leads on
@@ -195,4 +186,4 @@ def _errors_after(step: FitStep) -> StepErrors:
 def untested(session: Session) -> Session:
     """Session after a new fit, without the rankings, tests and diagnosis of the fit before."""
     unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
-    return replace(unknown, diagnosis=None, next_poses=None, searched=False, separations={}, versions=())
+    return replace(unknown, diagnosis=None, next_poses=None, searched=False, versions=())

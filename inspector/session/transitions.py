@@ -20,15 +20,14 @@ from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.options import FitOptions
-from calib.planning.discrimination import discriminating_poses, nearest_alternative, next_poses
+from calib.planning.discrimination import next_poses
 from calib.rendering import numbers
 from calib.screening.blunders import without_blunders
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import run_residual_tests
 from inspector.session.measuring import with_face_labels
-from inspector.session.session import LEFT_OUT, TAKEN_IN, Separation, Session, untested
+from inspector.session.session import LEFT_OUT, TAKEN_IN, Session, untested
 
-SEPARATING_POSES = 3  # at which two causes are compared
 HISTORY_STEPS = 50  # that a session keeps: the first, and the last ones
 RANKED_STEPS = 8  # the last ones, which keep their rankings; a search has five at most
 
@@ -75,7 +74,6 @@ def with_ranking(session: Session) -> Session:
         advice=None,
         diagnosis=None,
         next_poses=None,
-        separations={},
     )
 
 
@@ -119,7 +117,6 @@ def judged_as(session: Session, known: Session) -> Session:
         advice=known.advice,
         diagnosis=known.diagnosis,
         next_poses=known.next_poses,
-        separations={},
     )
 
 
@@ -127,22 +124,6 @@ def search_space(session: Session) -> SearchSpace:
     """Search space for the automatic diagnosis, with the data, options and effects of the model on show."""
     options = _calibrated(session).options
     return SearchSpace.of(session.measured, options, user_effects=session.user_effects)
-
-
-def separation(session: Session, name: str) -> Separation | None:
-    """Poses at which a candidate and the effect most similar to it differ most; None where either is missing.
-
-    Raises CalibError where there are too few poses to fit either one whole.
-    """
-    screening = session.screening
-    if screening is None:
-        return None
-    chosen = next((candidate for candidate in screening.candidates if candidate.name == name), None)
-    rival = nearest_alternative(screening, name)
-    if chosen is None or rival is None:
-        return None
-    poses = discriminating_poses(_calibrated(session), (chosen, rival), count=SEPARATING_POSES)
-    return Separation(rival.name, poses)
 
 
 def with_versions(session: Session, before: Session) -> Session:
@@ -159,7 +140,7 @@ def with_versions(session: Session, before: Session) -> Session:
 def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
     """Session with the given user effects; the model's own are fitted again, or removed where no longer defined."""
     ours = {family.name for family in (*session.user_effects, *effects)}
-    session = replace(session, user_effects=effects, screening=None, separations={}, diagnosis=None, next_poses=None)
+    session = replace(session, user_effects=effects, screening=None, diagnosis=None, next_poses=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):
         return session
     kept: list[SelectedEffect] = []

@@ -23,8 +23,6 @@ from calib.effects.catalogue.scanner import ScannerDrift
 from calib.effects.catalogue.thermal import ThermalGrowth
 from calib.effects.effect import Effect, Parameter
 from calib.effects.state import RobotState
-from calib.kinematics.chain import target_jacobian
-from calib.planning.discrimination import discriminating_poses, nearest_alternative
 from calib.present.cause.verdict import advice as advice_words
 from calib.present.cause.verdict import residual
 from calib.present.effects import meaning
@@ -163,20 +161,3 @@ def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Scree
     assert said(ToolSag(), 0.1) == ""  # millimetres speak for themselves
     assert said(Mine(), 0.02) == "2 %"
     assert said(TransmissionError(0, 1), 0.0) == ""
-
-
-@pytest.mark.slow
-def test_where_two_causes_differ_most_they_do_differ(
-    hidden: tuple[Calibration, Screening, ResidualTests],
-) -> None:
-    result, screening, _ = hidden
-    rival = nearest_alternative(screening, "transmission_error")
-    assert rival.name != "transmission_error"
-    best = screening.candidates[0]
-    poses = discriminating_poses(result, (best, rival), count=3, offered=200)
-    few = discriminating_poses(result, (best, rival), count=3, offered=20)
-    assert poses[0].separation_mm >= few[0].separation_mm  # more tries are never worse
-    assert discriminating_poses(result, (best,), count=3) == ()
-    assert nearest_alternative(screening, "no such effect") is None
-    reach = np.linalg.norm(target_jacobian(result.dataset.robot, result.dataset.poses.q), axis=1).max()
-    assert poses[0].separation_mm < 0.02 * reach  # hundredths of a radian at the arm's reach, not more

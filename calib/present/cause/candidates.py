@@ -1,19 +1,14 @@
-"""Candidate effects: their ranking, the facts and values of one, and the poses that discriminate it from another."""
+"""Candidate effects: their ranking, and the facts and values of one."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
-
-import numpy as np
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.probabilities import CauseProbabilities
 from calib.effects.effect import Description, Effect, describe, family_name, full_name, has_meaning, parameters_by_name
-from calib.kinematics.robot import Robot
-from calib.planning.discrimination import DiscriminatingPose
 from calib.present.effects import meaning, not_testable, title
 from calib.present.names import joints_by_parameter
 from calib.rendering import numbers
@@ -24,7 +19,6 @@ from calib.rendering.blocks import (
     Facts,
     Folded,
     Paragraph,
-    Section,
     Small,
     Span,
     Table,
@@ -42,7 +36,6 @@ _NONE_RANKED = "No effect can be ranked: none is testable with these data."
 CANNOT_BE_TESTED = "Cannot be tested with these data"
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MOST_ALIKE = 3  # effects that could make the same, named in a cell or a fact
-_CLEARLY_APART = 4.0  # sigmas of one coordinate by which two hypotheses differ where one measurement discriminates them
 
 
 # ---- the ranking ----------------------------------------------------------------------------------------------------
@@ -286,34 +279,3 @@ def _description(name: str, candidate: Candidate | None, calibration: Calibratio
         return candidate.family.description
     inside = next((effect for effect in calibration.model.effects if family_name(effect) == name), None)
     return describe(inside) if inside is not None else Description(name)
-
-
-def discriminating_section(
-    name: str, rival: str, poses: Sequence[DiscriminatingPose], robot: Robot, noise_mm: float
-) -> Section:
-    """Section on the poses that best discriminate between an effect and its nearest rival, with advice on repeats.
-
-    Args:
-        poses: one or more.
-        noise_mm: sigma per coordinate; nan where it is not known.
-    """
-    values = [np.where(robot.is_revolute, np.degrees(pose.q), pose.q) for pose in poses]
-    rows = [
-        (", ".join(numbers.signed(v, "z.0f") for v in q), numbers.length(pose.separation_mm))
-        for pose, q in zip(poses, values, strict=True)
-    ]
-    best_mm = max(pose.separation_mm for pose in poses)
-    enough = ""
-    if best_mm > _CLEARLY_APART * noise_mm:
-        enough = " One measurement there tells them apart."
-    elif math.isfinite(noise_mm):
-        enough = f" The noise is {numbers.length(noise_mm)} per coordinate: measure there several times."
-    units = "°" if robot.is_revolute.all() else "° (mm for prismatic joints)"
-    note = (
-        "Fitted each by itself, the two put the tool farthest apart at these poses, of those within the range "
-        f"measured.{enough}"
-    )
-    return Section(
-        f"To tell {name} from {rival}, measure here",
-        [Table((f"joints, {units}", "they differ by"), rows), Paragraph(note, soft=True)],
-    )

@@ -81,14 +81,11 @@ class ModelController:
         """Long work that ranks the effects and tests the residual, unless both are done."""
         return self._ranking.rank()
 
-    def compare(self) -> LongWork:
-        """Long work that finds where the chosen candidate and the effect most similar to it differ most."""
-        return self._ranking.compare()
-
-    def choose(self, name: str) -> LongWork:
-        """Long work that chooses an effect and compares it with the effect most similar to it."""
-        self._panels.missing_effects.choose(name)
-        return self._ranking.compare()
+    def choose(self, name: str = "") -> None:
+        """Choose an effect, if one is named, and show the one that is chosen."""
+        if name:
+            self._panels.missing_effects.choose(name)
+        self._panels.missing_effects.update_choice(self._state.now)
 
     # ---- the first fit ---------------------------------------------------------------------------------------------
 

@@ -68,7 +68,6 @@ class Ranking:
         else:  # own effects that are in the model have changed
             self._shown.change(ranked)
         yield from self._test_residual()
-        yield from self.compare()
         self._look_ahead()
 
     def _look_ahead(self) -> None:
@@ -116,20 +115,3 @@ class Ranking:
         """Session with the user's own effects read anew from their file."""
         effects = self._shown.user_effects.families(self._state.name, session.measured)
         return session if effects is session.user_effects else sessions.with_user_effects(session, effects)
-
-    def compare(self) -> LongWork:
-        """Long work that finds the poses at which the chosen candidate and the most similar effect differ most."""
-        session, name = self._shown.session, self._panel.chosen
-        self._panel.update_choice(self._state.now)
-        if session.screening is None or name in session.separations:
-            return
-        yield
-        try:
-            found = yield from self._shown.beside(lambda: sessions.separation(session, name), session)
-        except CalibError:  # too few poses to fit either one whole: the ranking stands, nothing to compare
-            return
-        now = self._shown.session
-        if found is not None and now.screening is session.screening:
-            self._state.keep(replace(now, separations={**now.separations, name: found}))
-            if self._panel.chosen == name:
-                self._panel.update_next(self._state.now)

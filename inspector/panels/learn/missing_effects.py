@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import viser
 
-from calib.present.cause.candidates import discriminating_section
 from calib.present.fit.learned import BAND_NOTE, curve_blocks
 from calib.rendering.blocks import Paragraph
 from calib.rendering.html import panel
@@ -67,7 +66,6 @@ class MissingEffectsPanel:
         self._moves = (0, 0)  # changes of the model to undo and to redo
         self._chosen = gui.add_html("")
         self._variable = hidden_plot(gui, 0.7, "effect against residual")
-        self._next = gui.add_html("")
         self._learned = gui.add_html("")
         self._curves = hidden_plot(gui, 1.0, "joint curves")
         self._reasons = gui.add_html("")
@@ -202,7 +200,6 @@ class MissingEffectsPanel:
         self.change.visible = bool(buttons)
         if buttons and buttons != tuple(self.change.options):
             self.change.options = buttons
-        self.update_next(view)
         if screening is None:
             self._ranking.content = self._chosen.content = ""
             return
@@ -215,19 +212,6 @@ class MissingEffectsPanel:
             self._variable.figure = added_variable(
                 candidate.explained, screening.projected.residual, name, screening.projected.row_poses
             )
-
-    def update_next(self, view: View) -> None:
-        """Show the poses that discriminate between the chosen candidate and the most similar effect, once known."""
-        session = view.session
-        separation = session.separations.get(self.chosen)
-        if session.screening is None or separation is None or not separation.poses:
-            self._next.content = ""
-            return
-        noise_mm = session.pose_errors.noise_mm if session.pose_errors is not None else float("nan")
-        robot = session.dataset.robot
-        self._next.content = panel(
-            [discriminating_section(self.chosen, separation.rival, separation.poses, robot, noise_mm)]
-        )
 
     def _offer(self, session: Session) -> None:
         """Update the lists of effects that can be added or removed, without changing the choice."""
