@@ -80,13 +80,13 @@ def test_without_test_poses_the_fitted_ones_are_told_and_it_says_so() -> None:
     assert "no test poses, so nothing confirms it" in note(found)
     assert re.search(r"\(noise as the fit left it [\d.]+ (mm|µm): not declared\)$", headline_text(found))
     assert not found.reached_noise
-    assert "declares no noise" in note(found)
+    assert "No noise was declared" in note(found)
 
 
 def test_noise_is_said_only_where_the_test_error_agrees() -> None:
     assert note(told(1.9, 0.72, 0.0065)).endswith("What is left is no more than noise.")
-    assert note(told(1.9, 0.72, 0.03954)).endswith("What is left is 6.4 times what noise alone would leave.")
-    assert note(told(1.9, 0.744)).endswith("What is left is 120 times what noise alone would leave.")
+    assert note(told(1.9, 0.72, 0.03954)).endswith("What is left is 6.4 times the noise.")
+    assert note(told(1.9, 0.744)).endswith("What is left is 120 times the noise.")
     assert told(1.0, NOISE_AGREES * 0.0062).reached_noise
     assert not told(1.0, 1.01 * NOISE_AGREES * 0.0062).reached_noise
 
@@ -98,4 +98,4 @@ def test_many_points_tell_a_smaller_excess_from_noise() -> None:
     assert replace(told(1.0, 1.45 * 0.0062), points=10).reached_noise
     few, many = (replace(told(1.0, 1.45 * 0.0062), points=points) for points in (10, 60))
     assert note(few).endswith("What is left is no more than noise.")
-    assert note(many).endswith("What is left is 1.4 times what noise alone would leave.")
+    assert note(many).endswith("What is left is 1.4 times the noise.")

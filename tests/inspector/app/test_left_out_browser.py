@@ -29,7 +29,7 @@ def test_a_pose_is_left_out_by_its_button_and_said_everywhere(page: Any, app: Ap
     row.get_by_text("left out").wait_for(timeout=MS)
     says(page, "no figure takes it")
     open_tab(page, "What is missing")
-    says(page, f"− pose {POSE}: the test error is")
+    says(page, f"− pose {POSE}: the error of the held-out test poses that count now is")
     idle(app)
     assert app.state.session.uncounted == {POSE}
 

@@ -49,7 +49,7 @@ def test_left_out_and_taken_in_again(app: App, page: WireClient) -> None:
     assert session(app).screening is not None  # ranked again
     shows(
         page,
-        f"− pose {POSE}: the test error is ",
+        f"− pose {POSE}: the error of the held-out test poses that count now is ",
         "no figure takes it",
         f"asked: {POSE}",
     )

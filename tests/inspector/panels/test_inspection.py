@@ -126,7 +126,7 @@ def test_the_legend_leaves_out_what_is_not_there(app: App) -> None:
 
 def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -> None:
     corner = search(app, 0).corner
-    shows(page, f"{corner.quality.margin_mm:.2f} mm", f"{corner.quality.amplification:.1f} times less certain")
+    shows(page, f"{corner.quality.margin_mm:.2f} mm", f"{corner.quality.amplification:.1f} times that of the faces")
 
 
 def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doubts(app: App) -> None:

@@ -52,7 +52,7 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
     page.set("Effect", LEARNED)
     shows(page, "No named effect", "log evidence")
     page.click(ADD_CURVES)
-    shows(page, f"+ {LEARNED}: the test error fell", f"Curves of {LEARNED}", "sin(23 q1)")
+    shows(page, f"+ {LEARNED}: the error of the held-out test poses falls", f"Curves of {LEARNED}", "sin(23 q1)")
     page.wait(curves_drawn)
     assert session(app).effects[0].members is learned.members
     assert f"{LEARNED}.J1" not in page.text()  # no row for each mode
@@ -65,7 +65,7 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
     idle(app)
     page.set("Effect", LEARNED)
     page.press("Model", REMOVE)
-    shows(page, f"\u2212 {LEARNED}: the test error rose", "It was needed")
+    shows(page, f"\u2212 {LEARNED}: the error of the held-out test poses rises", "It was needed")
     page.wait(lambda p: not curves_drawn(p))
     idle(app)
     page.wait(offered)

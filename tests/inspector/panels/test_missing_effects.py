@@ -90,7 +90,7 @@ def test_what_cannot_be_fitted_leaves_nothing_of_the_dataset_before(folder: Path
 def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     for _ in range(50):
         page.click(ADD)
-    shows(page, f"+ {HIDDEN}: the test error fell")
+    shows(page, f"+ {HIDDEN}: the error of the held-out test poses falls")
     idle(app)
     assert [added.name for added in session(app).effects] == [HIDDEN]
     assert session(app).screening is not None
@@ -155,7 +155,7 @@ def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: W
     page.click(ADD)
     shows(
         page,
-        f"+ {HIDDEN}: the test error fell",
+        f"+ {HIDDEN}: the error of the held-out test poses falls",
         "noise at the training poses",
         "missing is the transmission error",
     )

@@ -43,7 +43,7 @@ def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
     assert fact(page, "test 3D RMSE") == f"{before} mm"
     steps_drawn(page, 2)
     press(page, ADD)
-    says(page, f"+ {HIDDEN}: the test error fell")
+    says(page, f"+ {HIDDEN}: the error of the held-out test poses falls")
     assert fact(page, "test 3D RMSE") == f"{after} mm"
     assert fact(page, "training 3D RMSE") == f"{numbers.column_mm(told['steps'][1]['train_rmse_mm'])} mm"
     steps_drawn(page, 3)
