@@ -75,7 +75,7 @@ def nominal_robots() -> list[tuple[str, Robot]]:
     """Nominal arms of all models, by their names: models of one table together, as "UR5e or UR7e"."""
     names: dict[tuple[float, ...], list[str]] = {}
     for model, lengths in MODELS.items():
-        names.setdefault(lengths, []).append(f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}")
+        names.setdefault(lengths, []).append(model.replace("ur", "UR"))
     return [
         (" or ".join(named), robot_of(chain_of_standard(nominal_rows(named[0]), named[0]))) for named in names.values()
     ]

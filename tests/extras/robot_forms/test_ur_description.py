@@ -15,7 +15,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.extras.robot_forms.ur_calibration import MODELS, nominal_rows
-from calib.robot_formats.robot_file import ReadOptions, read_robot
 from inspector.cli.parser import main
 from tests.support.robot_texts import DELTAS, FAR_DELTAS, conf_of
 from tests.support.standard_dh import exactly
@@ -148,11 +147,3 @@ def test_what_a_kinematics_file_cannot_hold_of_the_flange_is_told_with_its_size(
     assert "0.3 mm and 0.0573 deg off" in said
     flange, *_ = compared(text, "ur10e", deltas)
     assert flange == pytest.approx(0.3, abs=1e-6)
-
-
-def test_the_table_of_a_calibration_has_small_angles(tmp_path: Path) -> None:
-    for seed, model in enumerate(MODELS):
-        path = tmp_path / "calibration.conf"
-        path.write_text(conf_of(drawn(np.random.default_rng(seed))))
-        table = read_robot(path, ReadOptions(model=model)).robot.table
-        assert np.degrees(np.abs(table[:, [3, 4]]).max()) < 0.5

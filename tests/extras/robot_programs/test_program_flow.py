@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from calib.errors import CalibError
 from calib.extras.robot_programs.program_targets import load_program
+from tests.extras.robot_programs.controllers import LANGUAGES
 
 Statement = tuple  # ("set", k), ("move",), ("call", k), ("if", yes, no), ("loop", body)
 ROUTINES = 3
@@ -30,12 +31,20 @@ def bodies(depth: int) -> st.SearchStrategy[list[Statement]]:
     return st.lists(st.one_of(simple, nested), max_size=4)
 
 
+TEXTS = {  # a routine, a motion, a tool, branch, rest, loop, and the ends of these
+    "KRL": ("DEF r{}()", "LIN {{X 1,Y 2,Z 3,A 0,B 90,C 0}}", "$TOOL={{X {},Y 0,Z 0,A 0,B 0,C 0}}",
+            "IF $IN[1] THEN", "ELSE", "WHILE $IN[1]", "END", "ENDIF", "ENDWHILE"),
+    "URScript": ("def r{}():", "movel(p[0.1,0.2,0.3,0,3.1,0])", "set_tcp(p[0.00{},0,0,0,0,0])",
+                 "if x():", "else:", "while x():", "end", "end", "end"),
+}  # fmt: skip
+
+
 class Writer:
     """Text of a program, with the lines of its motions."""
 
     def __init__(self, language: str) -> None:
-        self.is_krl = language == "KRL"
         self.lines: list[str] = []
+        self.routine, self.move, self.tool, self.branch, self.rest, self.loop, *self.ends = TEXTS[language]
 
     def body(self, statements: list[Statement]) -> list[Statement]:
         """The statements, each motion with its line."""
@@ -44,26 +53,18 @@ class Writer:
     def _statement(self, each: Statement) -> Statement:
         kind = each[0]
         if kind == "move":
-            self.lines.append("LIN {X 1,Y 2,Z 3,A 0,B 90,C 0}" if self.is_krl else "movel(p[0.1,0.2,0.3,0,3.1,0])")
+            self.lines.append(self.move.format())
             return ("move", len(self.lines))
-        if kind == "set":
-            k = each[1]
-            self.lines.append(
-                f"$TOOL={{X {k},Y 0,Z 0,A 0,B 0,C 0}}" if self.is_krl else f"set_tcp(p[0.00{k},0,0,0,0,0])"
-            )
-        elif kind == "call":
-            self.lines.append(f"r{each[1]}()")
-        else:
-            opening = ("IF $IN[1] THEN", "WHILE $IN[1]") if self.is_krl else ("if x():", "while x():")
-            ends = ("ENDIF", "ENDWHILE") if self.is_krl else ("end", "end")
-            self.lines.append(opening[kind == "loop"])
-            parts = [self.body(each[1])]
-            if len(each) > 2:
-                self.lines.append("ELSE" if self.is_krl else "else:")
-                parts.append(self.body(each[2]))
-            self.lines.append(ends[kind == "loop"])
-            return (kind, *parts)
-        return each
+        if kind in ("set", "call"):
+            self.lines.append((self.tool if kind == "set" else "r{}()").format(each[1]))
+            return each
+        self.lines.append(self.loop if kind == "loop" else self.branch)
+        parts = [self.body(each[1])]
+        for rest in each[2:]:
+            self.lines.append(self.rest)
+            parts.append(self.body(rest))
+        self.lines.append(self.ends[1 + (kind == "loop")])
+        return (kind, *parts)
 
 
 def run(
@@ -96,7 +97,7 @@ def run(
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    st.sampled_from(["KRL", "URScript"]),
+    st.sampled_from(sorted(TEXTS)),
     st.lists(bodies(2), min_size=ROUTINES, max_size=ROUTINES),
     st.lists(st.lists(st.booleans(), max_size=12), min_size=4, max_size=4),
 )
@@ -106,10 +107,10 @@ def test_a_tool_that_is_told_is_the_one_on_every_way(
     writer = Writer(language)
     routines: list[list[Statement]] = []
     for k, statements in enumerate(drawn):
-        writer.lines.append(f"DEF r{k}()" if writer.is_krl else f"def r{k}():")
+        writer.lines.append(writer.routine.format(k))
         routines.append(writer.body(statements))
-        writer.lines.append("END" if writer.is_krl else "end")
-    path = tmp_path / ("a.src" if writer.is_krl else "a.script")
+        writer.lines.append(writer.ends[0])
+    path = tmp_path / f"a{LANGUAGES[language]}"
     path.write_text("\n".join(writer.lines) + "\n")
     try:
         found = load_program(path)

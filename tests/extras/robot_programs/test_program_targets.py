@@ -421,14 +421,6 @@ textmsg(pose_dist(p1, get_actual_tcp_pose()))
     assert [reasons(found)[line] for line in (5, 6, 7)] == ["no motion of the program uses it"] * 3
 
 
-def test_krl_joints_that_no_motion_uses_are_left(tmp_path: Path) -> None:
-    axes = "{A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}"
-    text = f"DEF a()\nDECL AXIS home, soft\nhome={axes}\nsoft={axes}\nPTP home\nEND\n"
-    found = program(tmp_path, "a.src", text)
-    assert [t.name for t in found.targets] == ["home"]
-    assert reasons(found) == {4: "no motion of the program uses it"}
-
-
 def test_krl_frames_are_followed_and_a_module_is_read_whole(tmp_path: Path) -> None:
     (tmp_path / "A.DAT").write_text(
         "DEFDAT a\nDECL E6POS XP1={X 1,Y 2,Z 3,A 0,B 90,C 0,S 2,T 2}\nDECL E6POS XP2={X 1,Y 2,Z 4,A 0,B 90,C 0}\n"
