@@ -1,7 +1,13 @@
-"""Following of a dataset folder: each look searches the scans that came to rest, and brings the campaign up to date."""
+"""Following of a dataset folder: each look searches the scans that came to rest, and brings the campaign up to date.
+
+A file that is being written grows, or is renamed into place. It is at rest when its size and time were the same at two
+looks, `SETTLED_S` apart at least; a file that changes later counts as a new arrival. Nothing depends on events of the
+file system, which network drives do not send.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -14,18 +20,20 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset
 from calib.errors import DatasetError
-from calib.extras.follow.arrivals import FolderState
 from calib.extras.follow.campaign import Campaign, with_arrivals
 from calib.extras.follow.judgement import PoseJudgement
 from calib.options import FitOptions
 from calib.scans.scan import scan_file
 from calib.targets.batch import find_targets
 
+SETTLED_S = 0.4
+"""Time for which a file must not change before it is read as whole."""
 PATIENCE_S = 3.0
 """Time for which a scan that cannot be read, or a table with a fault or without rows that it had, may be one that is
 still being written."""
+_LACKS_ROWS = "rows that were there are missing"
 
-Version = tuple[int, int]
+Version = tuple[int, int]  # size and time of change of a file
 
 
 @dataclass(frozen=True)
@@ -46,110 +54,122 @@ class CampaignFollower:
         self.executor = executor
         self.campaign: Campaign | None = None
         self.searches: dict[str, CornerSearch] = {}
-        self._state = FolderState()
+        self._now_s = 0.0
+        self._files: dict[Path, tuple[Version, float]] = {}  # with the time since when they are so
         self._read: ArrivingDataset | None = None
-        self._taken: ArrivingDataset | None = None  # what the campaign was brought up to date with
-        self._tables: Mapping[Path, tuple[Version, bool]] = {}  # as they were read, and whether they were settled
+        self._taken: tuple[object, ...] = ()  # content that the campaign was brought up to date with
+        self._tables: Mapping[Path, tuple[Version, bool]] = {}  # as they were read, and whether they were at rest
         self._versions: dict[str, Version] = {}  # of the scan that was searched, by pose
-        self._fault: tuple[str, float] | None = None  # and since when
-        self._told = ""
+        self._doubt: tuple[str, float] | None = None  # what is wrong with the tables, and since when
+        self._told = ""  # fault that has lasted
         self._waiting: set[str] = set()  # poses whose scan cannot be read yet
         self._unknown: tuple[str, ...] = ()
-        self._gone_since: float | None = None  # since when rows that were read are missing from the tables
 
     def look(self, now_s: float) -> News:
         """Take what has arrived since the last look, at a monotonic time in seconds.
 
         Raises DatasetError where the folder cannot be read; of a table's fault that lasts, `News` tells.
         """
+        self._now_s = now_s
         scans = None if self._read is None else self._read.dataset.scan_folder
-        folders = (self.folder,) if scans is None else (self.folder, self.folder / scans)
-        self._state = self._state.looked_again(folders, now_s)
-        fault = self._read_tables(now_s)
-        if fault or self._read is None:
+        found = _files_in(self.folder) | ({} if scans is None else _files_in(self.folder / scans))
+        before = self._files
+        self._files = {
+            path: before[path] if path in before and before[path][0] == version else (version, now_s)
+            for path, version in found.items()
+        }
+        fault = self._read_tables()
+        read = self._read
+        if fault or read is None:
             return News(fault=fault)
-        if self._read.dataset.scan_folder is not None and scans is None:
+        dataset = read.dataset
+        if dataset.scan_folder is not None and scans is None:
             return self.look(now_s)  # now that the scan folder's name is known
-        dataset = self._read.dataset
-        unknown, before_unknown = self._names_unknown(self._read), self._unknown
+        unknown = self._names_unknown(read)
+        strange = tuple(name for name in unknown if name not in self._unknown)
         self._unknown = unknown
-        strange = tuple(name for name in unknown if name not in before_unknown)
-        if self.campaign is not None and self.campaign.unknown != unknown:
-            self.campaign = replace(self.campaign, unknown=unknown)
+        campaign = replace(self.campaign or Campaign(dataset), unknown=unknown)
         searched = dataset.points is None and self._search_new(dataset)
-        before = self.campaign
-        if before is not None and not searched and _content(self._read) == _content(self._taken):
-            return News(unknown=strange)
-        self._taken = self._read
-        searches = of_one_jig(self.searches, dataset.jig).searches
-        self.campaign, judged = with_arrivals(
-            before or Campaign(dataset, unknown=unknown), self._read, searches, self.options
-        )
+        rows = None if dataset.points is None else len(dataset.points)
+        content = dataset.read_files, dataset.poses.ids, rows, read.unseen
+        judged: tuple[PoseJudgement, ...] = ()
+        if searched or content != self._taken:
+            self._taken = content
+            searches = of_one_jig(self.searches, dataset.jig).searches
+            self.campaign, judged = with_arrivals(campaign, read, searches, self.options)
+        elif strange or self.campaign is None or self.campaign.unknown != unknown:
+            self.campaign = campaign
         return News(judged, unknown=strange)
 
     @property
     def is_at_rest(self) -> bool:
         """Whether all that the folder holds was taken, or is held up by a fault that was told."""
-        held_up = self._waiting or self._gone_since is not None
-        return self._state.is_at_rest and (self._fault is None or bool(self.fault)) and not held_up
+        is_open = self._doubt is not None and not self.fault
+        return not self._growing and not is_open and not self._waiting
 
     @property
     def fault(self) -> str:
         """Fault of a table that has lasted; "" where there is none."""
-        return self._told if self._fault is not None else ""
+        return self._told if self._doubt is not None else ""
 
-    def _read_tables(self, now_s: float) -> str:
+    @property
+    def _growing(self) -> tuple[str, ...]:
+        """Names of the files that are not at rest."""
+        return tuple(path.name for path, (_, since_s) in self._files.items() if self._now_s - since_s < SETTLED_S)
+
+    def _rested(self, path: Path, least_s: float = SETTLED_S) -> Version | None:
+        """Version of a file that has been at rest for some time; None while it is missing or being written."""
+        version, since_s = self._files.get(scan_file(path), (None, 0.0))
+        return None if self._now_s - since_s < least_s else version
+
+    def _read_tables(self) -> str:
         """Read the tables where they changed; a fault's words once it has lasted, else ""."""
-        growing = self._state.growing()
+        growing = self._growing
         tables = {
-            path: (state.version, path.name in growing)
-            for path, state in self._state.files.items()
+            path: (version, path.name in growing)
+            for path, (version, _) in self._files.items()
             if path.parent == self.folder and path.suffix.lower() in (".toml", ".csv")
         }
-        if tables == self._tables and self._fault is None:
+        if tables == self._tables and self._doubt is None:
             return ""
+        read = self._read
         try:
             read = load_arriving_dataset(self.folder, growing)
+            # A writer that writes the whole table anew empties it first: what is gone may be back at the next look.
+            words = _LACKS_ROWS if self._read is not None and _lacks(read, self._read) else ""
         except DatasetError as error:
             words = str(error)
-            since = self._fault[1] if self._fault is not None and self._fault[0] == words else now_s
-            self._fault = (words, since)
-            if now_s - since < PATIENCE_S or words == self._told:
+        if words:
+            same = self._doubt is not None and self._doubt[0] == words
+            self._doubt = self._doubt if same else (words, self._now_s)
+            assert self._doubt is not None
+            if self._now_s - self._doubt[1] < PATIENCE_S:
                 return ""
-            self._told = words
-            return words
-        self._fault, self._told = None, ""
-        if _lacks(read, self._read):
-            # A writer that writes the whole table anew empties it first: what is gone may be back at the next look.
-            self._gone_since = now_s if self._gone_since is None else self._gone_since
-            if now_s - self._gone_since < PATIENCE_S:
-                return ""
-        self._read, self._tables, self._gone_since = read, tables, None
+            if words != _LACKS_ROWS:
+                told, self._told = self._told, words
+                return "" if told == words else words
+        self._doubt, self._told, self._read, self._tables = None, "", read, tables
         return ""
 
     def _names_unknown(self, arriving: ArrivingDataset) -> tuple[str, ...]:
-        """Names in points.csv, and settled files of scans, that poses.csv does not have."""
+        """Names in points.csv, and files of scans at rest, that poses.csv does not have."""
         dataset, found = arriving.dataset, list(arriving.unknown)
         if dataset.points is not None or dataset.scan_folder is None:
             return tuple(found)
         paths = map(dataset.scan_path, range(len(dataset.poses)))
         named = {scan_file(path) for path in paths if path is not None}
-        kinds = {path.suffix.lower() for path in named}
-        for path in sorted(self._state.files):
-            if path.parent != self.folder / dataset.scan_folder or path in named or path.suffix.lower() not in kinds:
-                continue
-            if not path.name.startswith(".") and self._state.settled(path) is not None:
+        kinds, folder = {path.suffix.lower() for path in named}, self.folder / dataset.scan_folder
+        for path in sorted(self._files):
+            is_scan = path.parent == folder and path.suffix.lower() in kinds and not path.name.startswith(".")
+            if is_scan and path not in named and self._rested(path) is not None:
                 found.append(f"{dataset.scan_folder}/{path.name}")
         return tuple(found)
 
     def _search_new(self, dataset: Dataset) -> bool:
         """Search the scans that have come to rest since the last look; whether there were any."""
-        new: dict[str, Version] = {}
-        for i, pose_id in enumerate(dataset.poses.ids):
-            path = dataset.scan_path(i)
-            version = None if path is None else self._state.settled(path)
-            if version is not None and self._versions.get(pose_id) != version:
-                new[pose_id] = version
+        paths = {pose_id: path for i, pose_id in enumerate(dataset.poses.ids) if (path := dataset.scan_path(i))}
+        rested = {pose_id: self._rested(path) for pose_id, path in paths.items()}
+        new = {i: version for i, version in rested.items() if version is not None and self._versions.get(i) != version}
         if not new:
             return False
         others = tuple(pose_id for pose_id in dataset.poses.ids if pose_id not in new)
@@ -157,9 +177,7 @@ class CampaignFollower:
             replace(dataset, left_out=others), executor=self.executor if len(new) > 1 else None, intermediate=False
         )
         for pose_id, search in found.items():
-            path = dataset.scan_path(dataset.poses.index(pose_id))
-            assert path is not None
-            if search.unreadable and self._state.rested_s(path) < PATIENCE_S:
+            if search.unreadable and self._rested(paths[pose_id], PATIENCE_S) is None:
                 self._waiting.add(pose_id)  # perhaps a writer that pauses: looked at again
                 continue
             self._waiting.discard(pose_id)
@@ -168,13 +186,29 @@ class CampaignFollower:
         return any(pose_id in self._versions for pose_id in new)
 
 
-def _lacks(read: ArrivingDataset, before: ArrivingDataset | None) -> bool:
+def _files_in(folder: Path) -> dict[Path, Version]:
+    """Files in a folder; none where it does not exist. Raises DatasetError where it cannot be read."""
+    found = {}
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                try:
+                    if entry.is_file():
+                        status = entry.stat()
+                        found[folder / entry.name] = status.st_size, status.st_mtime_ns
+                except OSError:  # gone since, as a writer's temporary file
+                    continue
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise DatasetError(f"{folder}: {error.strerror or error}; check that the folder can be read") from None
+    return found
+
+
+def _lacks(read: ArrivingDataset, before: ArrivingDataset) -> bool:
     """Whether poses, or measurements of poses, are missing that were there at the reading before."""
-    if before is None:
-        return False
-    if not set(before.dataset.poses.ids) <= set(read.dataset.poses.ids):
-        return True
-    return not _measured(before) <= _measured(read)
+    poses = {*before.dataset.poses.ids} <= {*read.dataset.poses.ids}
+    return not poses or not _measured(before) <= _measured(read)
 
 
 def _measured(arriving: ArrivingDataset) -> set[str]:
@@ -182,12 +216,3 @@ def _measured(arriving: ArrivingDataset) -> set[str]:
     points, ids = arriving.dataset.points, arriving.dataset.poses.ids
     with_point = set() if points is None else {ids[i] for i in np.unique(points.pose)}
     return with_point | set(arriving.unseen) | set(arriving.unknown)
-
-
-def _content(arriving: ArrivingDataset | None) -> tuple[object, ...]:
-    """What makes a reading of a folder another one: the tables, as far as their lines were read."""
-    if arriving is None:
-        return ()
-    points = arriving.dataset.points
-    rows = None if points is None else len(points)
-    return arriving.dataset.read_files, arriving.dataset.poses.ids, rows, arriving.unseen

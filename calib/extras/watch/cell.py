@@ -1,4 +1,4 @@
-"""Tests for changes of a cell: new points against an earlier fit, with the scanner frame fixed or fitted anew."""
+"""Changes of a cell: new points against an earlier fit, with the scanner frame fixed or fitted anew."""
 
 from __future__ import annotations
 
@@ -6,15 +6,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib import frames
 from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.extras.watch.change_models import BASE, LARGEST_BY_UNIT, SCANNER, ChangeModel
+from calib.extras.watch.change_models import (
+    BASE,
+    JIG,
+    JOINT_ZERO,
+    LARGEST_BY_UNIT,
+    NOISE,
+    SCANNER,
+    TOOL,
+    ChangeModel,
+)
 from calib.extras.watch.change_tests import (
     ALARM,
     ALONE,
+    NAMED,
     NAMED_GIVEN_OTHERS,
+    NOISIER,
     ChangeTests,
     confounded_with,
     most_likely,
@@ -23,6 +33,7 @@ from calib.extras.watch.check_points import CheckPoints, Expectation
 from calib.statistics import rms_length
 from calib.validation.cell_changes import Change
 
+MAX_ARM_CHANGES = 3  # most changes of the arm that are named
 _HIDDEN = 10.0  # times the RMSE, by which a change has to move the points to be refused where it is large
 
 
@@ -30,125 +41,149 @@ _HIDDEN = 10.0  # times the RMSE, by which a change has to move the points to be
 class CellTests:
     """Tests for changes of a cell, with the scanner at its earlier place (`fixed`) or fitted anew (`free`)."""
 
-    models: tuple[ChangeModel, ...]  # of the arm
+    check: CheckPoints
+    expected: Expectation
+    before_T_base: Array  # (4, 4) earlier scanner frame; where that is unknown, or it was set up anew, the fitted one
     scanner: ChangeModel
     fixed: ChangeTests
     free: ChangeTests
-    elsewhere_mm: float | None  # by which the points show that the scanner was set up anew; None where they do not
-    scanner_known: bool  # whether the earlier fit knows the scanner's station, and it was not set up anew
-    rmse_mm: float  # 3D, of the new points with the scanner where it was or, if it was set up anew, fitted to them
-    likely_mm: float  # `rmse_mm` that is expected where nothing changed
-    limit_mm: float  # above which `rmse_mm` is in 0.27 % of unchanged cells
-    rmse_scanner_free_mm: float  # 3D, of the new points with the scanner's frame fitted anew
-    expected_mm: float  # RMS, 3D, of the expected noise
-    poses: int
-    confounded_with_scanner: tuple[str, ...]  # the base's motion, for a scanner that stands in the world
+    carries_scanner: bool
 
     @classmethod
     def of(cls, base: Calibration, new: Dataset, *, scanner_moved: bool) -> CellTests:
         """Tests of new points against an earlier calibration. Raises FitError for too few poses."""
         check = CheckPoints.of(base, new)
         expected = Expectation.of(base, [check], scanner_moved=scanner_moved)
-        fixed, free = expected.tests([check])
-        known = expected.before_T_base is not None
-        anew, earlier = check.anew_T_base, base.after.scanner_T_base.get(check.station)
-        before = anew if expected.before_T_base is None else expected.before_T_base
-        measured_mm, covariance_mm2 = check.measured_mm, check.observed.covariance_mm2
-        colour = np.asarray(np.linalg.inv(check.whiten), dtype=float)
-        likely_mm, limit_mm = (fixed if known else free).spread.coloured(colour).limits_mm
-        sigma2_mm2 = np.trace(covariance_mm2, axis1=1, axis2=2)
-        return cls(
-            models=check.models,
-            scanner=scanner_motion(check, before, expected.prior.centre_mm),
-            fixed=fixed,
-            free=free,
-            elsewhere_mm=None if earlier is None else check.elsewhere_mm(earlier),
-            scanner_known=known,
-            rmse_mm=rms_length(measured_mm - frames.apply(before, check.at_mm)),
-            likely_mm=likely_mm,
-            limit_mm=limit_mm,
-            rmse_scanner_free_mm=rms_length(measured_mm - frames.apply(anew, check.at_mm)),
-            expected_mm=float(expected.noise * np.sqrt(sigma2_mm2.mean())),
-            poses=check.poses,
-            confounded_with_scanner=() if new.robot.carries_scanner else (BASE,),
-        )
+        before = check.anew_T_base if expected.before_T_base is None else expected.before_T_base
+        scanner = check.scanner_motion(before, expected.prior.centre_mm)
+        return cls(check, expected, before, scanner, *expected.tests([check]), new.robot.carries_scanner)
 
     @property
-    def models_with_scanner(self) -> tuple[ChangeModel, ...]:
-        """Change models of the arm and of the scanner's motion."""
-        return (*self.models, self.scanner)
+    def models(self) -> tuple[ChangeModel, ...]:
+        """Change models of the arm."""
+        return self.check.models
+
+    @property
+    def scanner_known(self) -> bool:
+        """Whether the earlier fit knows the scanner's station, and it was not set up anew."""
+        return self.expected.before_T_base is not None
+
+    @property
+    def rmse_mm(self) -> float:
+        """RMS of the 3D errors with the scanner where it was or, if it was set up anew, fitted to the points."""
+        return rms_length(self.check.errors_mm(self.before_T_base))
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """Value of `rmse_mm` that is expected where nothing changed, and the limit of 99.73 % of unchanged cells."""
+        return (self.fixed if self.scanner_known else self.free).spread.limits_mm(self.check.colour)
 
     @property
     def p_unchanged(self) -> float:
         """Family-wise p-value of the most significant change, under the hypothesis that nothing changed."""
         if self.scanner_known:
-            return self.fixed.family_wise_p_value(self.fixed.tests(self.models_with_scanner))
+            return self.fixed.family_wise_p_value(self.fixed.tests((*self.models, self.scanner)))
         return self.free.family_wise_p_value(self.free.tests(self.models))
 
-    def scanner_moved(self, arm: list[ChangeModel]) -> Change | None:
+    def changes(self, *, alarmed: bool) -> tuple[Change, ...]:
+        """Significant changes of a cell: first of the arm, then the scanner's motion, then the noise.
+
+        alarmed: whether anything changed; else only the noise can have.
+        """
+        changes = self._of_arm_and_scanner() if alarmed else []
+        models = [model for model in self.models if any(model.key == (c.what, c.joint, c.parameter) for c in changes)]
+        p_noise = self.free.p_rest(models)
+        if p_noise < NOISIER:
+            ratio = self.free.noise_ratio(models)
+            sigma = ratio / float(np.sqrt(2.0 * self.free.dof(models)))
+            changes.append(Change(NOISE, None, "", ratio, sigma, "times", p_noise, ()))
+        return tuple(changes)
+
+    def _of_arm_and_scanner(self) -> list[Change]:
+        """Significant changes of the arm, added one by one, and the scanner's motion given these changes."""
+        models, found = self.models, dict[ChangeModel, tuple[float, tuple[str, ...]]]()
+        while len(found) < MAX_ARM_CHANGES:
+            arm = list(found)
+            of_each = self.free.tests(models, given=arm)
+            best = most_likely(of_each)
+            if best is None:
+                break
+            if self.no_part_makes(self.free.estimate(best.model, [*arm, best.model]), best.model):
+                models = tuple(model for model in models if model is not best.model)
+                continue
+            p_value = self.free.family_wise_p_value(of_each)
+            limit = NAMED if not arm and self._explains_alone(best.model) else NAMED_GIVEN_OTHERS
+            if not self.scanner_known and not arm:
+                limit = ALARM
+            if p_value > limit or self.free.noise_explains(arm, best.model):
+                break
+            found[best.model] = p_value, confounded_with(of_each, best)
+        if not found:
+            return self._with_scanner_fixed() if self.scanner_known else []
+        arm = list(found)
+        moved = self._scanner_moved(arm)
+        fitted = self.free if moved is not None or not self.scanner_known else self.fixed
+        changes = [
+            replace(fitted.estimate(model, arm), p_value=p_value, as_well=others)
+            for model, (p_value, others) in found.items()
+        ]
+        return changes if moved is None else [*changes, moved]
+
+    def _scanner_moved(self, arm: list[ChangeModel]) -> Change | None:
         """Motion of the scanner, given changes of the arm; None where it is insignificant."""
-        if not self.scanner_known:
-            return None
-        test = self.fixed.test(self.scanner, arm)
+        test = self.fixed.test(self.scanner, arm) if self.scanner_known else None
         if test is None or test.p_value > (NAMED_GIVEN_OTHERS if arm else ALARM):
             return None
         if self.fixed.noise_explains(arm, self.scanner):
             return None
         change = self.fixed.estimate(self.scanner, [*arm, self.scanner])
-        moved = np.einsum("mik,k->mi", self.scanner.columns, np.array(change.vector))
-        size = rms_length(moved)
-        sigma = size / max(np.sqrt(test.gain), 1e-9)
+        size = self.scanner.moves_mm(np.array(change.vector))
         others = () if arm else confounded_with([*self.fixed.tests(self.models), test], test)
-        return replace(
-            change,
-            size=size,
-            sigma=float(sigma),
-            p_value=test.p_value,
-            as_well=(*self.confounded_with_scanner, *others),
-        )
+        of_base = () if self.carries_scanner else (BASE,)  # for a scanner that stands in the world
+        sigma = size / max(float(np.sqrt(test.gain)), 1e-9)
+        return replace(change, size=size, sigma=sigma, p_value=test.p_value, as_well=(*of_base, *others))
 
     def no_part_makes(self, change: Change, model: ChangeModel) -> bool:
         """Whether a change is beyond what a part can do, though the points are hardly off.
 
         A tool 369 mm away at points 0.1 mm off takes a scanner that moved along to hide it.
         """
-        if abs(change.size) <= LARGEST_BY_UNIT[change.unit]:
-            return False
-        return model.moves_mm(np.array(change.vector or (change.size,))) > _HIDDEN * self.rmse_mm
+        moved_mm = model.moves_mm(np.array(change.vector or (change.size,)))
+        return abs(change.size) > LARGEST_BY_UNIT[change.unit] and moved_mm > _HIDDEN * self.rmse_mm
 
-    def size_given(self, model: ChangeModel, arm: list[ChangeModel], *, scanner_moved: bool) -> Change:
-        """Size and sigma of one change, given changes of the arm; infinite sigma where no pose shows it."""
-        tests = self.free if scanner_moved or not self.scanner_known else self.fixed
-        others = [other for other in arm if other.key != model.key]
-        if tests.test(model, others) is None:
-            return Change(*model.key, np.nan, np.inf, model.unit, 1.0, ())
-        return tests.estimate(model, [*others, model])
-
-    def explains_alone(self, model: ChangeModel) -> bool:
+    def _explains_alone(self, model: ChangeModel) -> bool:
         """Whether a change of the arm leaves no significant motion of the scanner."""
         test = self.fixed.test(self.scanner, [model])
         return self.scanner_known and (test is None or test.p_value > ALONE)
 
-    def change_with_scanner_fixed(self) -> list[Change]:
+    def _with_scanner_fixed(self) -> list[Change]:
         """Most likely change where arm and scanner cannot be separated; [] where noise explains it."""
-        models = self.models_with_scanner
+        models = [*self.models, self.scanner]
         while True:
             tests = self.fixed.tests(models)
             best = most_likely(tests)
             if best is None or self.fixed.noise_explains([], best.model):
                 return []
             if best.model.what == SCANNER:
-                moved = self.scanner_moved([])
+                moved = self._scanner_moved([])
                 return [] if moved is None else [moved]
             change = self.fixed.estimate(best.model, [best.model])
             if not self.no_part_makes(change, best.model):
                 break
-            models = tuple(model for model in models if model is not best.model)
+            models.remove(best.model)
         others = dict.fromkeys((*confounded_with(tests, best), SCANNER))
         return [replace(change, p_value=self.fixed.family_wise_p_value(tests), as_well=tuple(others))]
 
-
-def scanner_motion(check: CheckPoints, scanner_T_base: Array, centre_mm: Array) -> ChangeModel:
-    """Change model of the scanner's motion by a shift (mm) and a rotation (rad) about a centre in its frame."""
-    predicted_mm = frames.apply(scanner_T_base, check.at_mm)
-    return ChangeModel(SCANNER, None, "", "mm", scanner_T_base[:3, :3].T @ frames.frame_motion(predicted_mm, centre_mm))
+    def usual_sizes(self, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+        """Change of each joint's zero and of the tool or jig, given the changes found; infinite sigma where unseen."""
+        named = {(c.what, c.joint, c.parameter) for c in changes if SCANNER not in c.as_well}
+        arm = [model for model in self.models if model.key in named]
+        moved = any(c.what == SCANNER for c in changes)
+        tests, sizes = self.free if moved or not self.scanner_known else self.fixed, []
+        for model in (model for model in self.models if model.what in (JOINT_ZERO, TOOL, JIG)):
+            others = [other for other in arm if other.key != model.key]
+            if tests.test(model, others) is None:
+                sizes.append(Change(*model.key, np.nan, np.inf, model.unit, 1.0, ()))
+            else:
+                sizes.append(tests.estimate(model, [*others, model]))
+        return tuple(sizes)

@@ -24,7 +24,7 @@ LARGEST_BY_UNIT = {"mm": 50.0, "rad": np.radians(10.0), "rad/Nm": 1e-3, "mm/N": 
 """Size of a change, by its unit, from which the points have to move as it says: no part changes so much unseen."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChangeModel:
     """Linear model of one possible change of a cell: the motion of the measured points by K numbers."""
 

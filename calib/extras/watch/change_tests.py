@@ -16,7 +16,7 @@ from scipy import special
 
 from calib.array_types import Array
 from calib.extras.watch.change_models import JIG, JOINT_ZERO, SCANNER, TOOL, ChangeModel, change_label
-from calib.extras.watch.prediction_spread import Spread
+from calib.extras.watch.spread import Spread
 from calib.statistics import f_sf
 from calib.validation.cell_changes import Change
 
@@ -96,11 +96,6 @@ class ChangeTests:
     noise_dof: float  # degrees of freedom of the noise, from the earlier fit
     tails: float = 1.0  # variance of squared errors over that of normal ones
 
-    @classmethod
-    def of(cls, residual: Array, spread: Spread, blocks: Array, noise_dof: float, tails: float = 1.0) -> ChangeTests:
-        """Tests for residuals (3 M,) whose covariance is `spread`."""
-        return cls(spread.whiten(residual), spread, blocks, noise_dof, tails)
-
     def rows(self, model: ChangeModel) -> Array:
         """Derivatives (3 M, K) of the whitened residuals by a change's parameters."""
         moved = np.einsum("mij,mjk->mik", self.blocks, model.columns)
@@ -158,11 +153,6 @@ class ChangeTests:
         """p-value of the residual left after fitting the given changes, under the expected noise."""
         dof = self.dof(given)
         return f_sf(self.noise_ratio(given) ** 2, dof / self.tails, self.noise_dof) if dof >= 1.0 else 1.0
-
-    @property
-    def p_noise(self) -> float:
-        """p-value of the residual under the expected noise, where nothing changed."""
-        return self.p_rest([])
 
     def noise_explains(self, given: Sequence[ChangeModel], model: ChangeModel) -> bool:
         """Whether a change is insignificant against the noise of the new points, given other changes."""

@@ -14,13 +14,13 @@ from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
-from calib.extras.watch.change_models import ChangeModel, change_models_of_arm
+from calib.extras.watch.change_models import SCANNER, ChangeModel, change_models_of_arm
 from calib.extras.watch.change_tests import ChangeTests
 from calib.extras.watch.misfit import MOST_POSES, Misfit
-from calib.extras.watch.prediction_spread import Spread
+from calib.extras.watch.spread import Spread
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, whitener
-from calib.statistics import chi2_sf, rms_length
+from calib.statistics import axis_sigma, axis_variances, chi2_sf, rms_length
 
 _FEWEST = 3  # check poses
 _SET_UP_ANEW_MM = 50.0  # by which the points move where no knock did it
@@ -69,9 +69,18 @@ class CheckPoints:
         )
 
     @property
-    def measured_mm(self) -> Array:
-        """Measured points (M, 3), scanner frame."""
-        return self.observed.points.xyz_mm
+    def colour(self) -> Array:
+        """Roots (M, 3, 3) of the points' declared covariances, mm."""
+        return np.asarray(np.linalg.inv(self.whiten))
+
+    def errors_mm(self, scanner_T_base: Array) -> Array:
+        """Measured less predicted points (M, 3), in a scanner frame."""
+        return self.observed.points.xyz_mm - frames.apply(scanner_T_base, self.at_mm)
+
+    def scanner_motion(self, scanner_T_base: Array, centre_mm: Array) -> ChangeModel:
+        """Change model of the scanner's motion by a shift (mm) and a rotation (rad) about a centre in its frame."""
+        motion = frames.frame_motion(frames.apply(scanner_T_base, self.at_mm), centre_mm)
+        return ChangeModel(SCANNER, None, "", "mm", scanner_T_base[:3, :3].T @ motion)
 
     def elsewhere_mm(self, before_T_base: Array) -> float | None:
         """How far the points are, mm, from where an earlier place of the scanner has them; None where it stands there.
@@ -85,11 +94,10 @@ class CheckPoints:
 
     def linearised(self, scanner_T_base: Array, centre_mm: Array) -> tuple[Array, Array, Array]:
         """Whitened residual (3 M,), and its derivatives by x (3 M, P) and by the frame's motion (3 M, 6)."""
-        predicted_mm = frames.apply(scanner_T_base, self.at_mm)
-        residual = np.einsum("mij,mj->mi", self.whiten, self.measured_mm - predicted_mm).ravel()
-        columns = (self.whiten @ scanner_T_base[:3, :3] @ self.by_x).reshape(len(residual), -1)
-        motion = (self.whiten @ frames.frame_motion(predicted_mm, centre_mm)).reshape(len(residual), 6)
-        return residual, columns, motion
+        residual = np.einsum("mij,mj->mi", self.whiten, self.errors_mm(scanner_T_base)).ravel()
+        in_base = self.whiten @ scanner_T_base[:3, :3]
+        moved = self.scanner_motion(scanner_T_base, centre_mm).columns
+        return residual, (in_base @ self.by_x).reshape(len(residual), -1), (in_base @ moved).reshape(len(residual), 6)
 
 
 @dataclass(frozen=True)
@@ -112,7 +120,7 @@ class Expectation:
         misfit = Misfit.of(base)
         # Errors that are alike, or few of them large, tell less of their size.
         dof = max(dof / (misfit.tails * misfit.inflation), min(dof, _FEWEST_DOF))
-        noise = max(noise, *(_finest(check.measured_mm, check.observed.covariance_mm2) for check in checks))
+        noise = max(noise, *(_finest(check.observed) for check in checks))
         prior = JointKnowledge.of(base, station if known else None)
         prior = replace(prior, covariance=scale**2 * misfit.inflation * prior.covariance)
         return cls(noise, dof, misfit, prior, base.after.scanner_T_base[station] if known else None)
@@ -124,18 +132,15 @@ class Expectation:
         """
         used, row = _used_joints(checks)
         white = self.noise if self.misfit.inflation <= 1.0 or len(used) > MOST_POSES else min(self.noise, 1.0)
-        variances = np.concatenate([np.trace(c.observed.covariance_mm2, axis1=1, axis2=2) for c in checks])
-        excess_mm2 = (self.noise**2 - white**2) * float(variances.mean()) / 3.0
-        root_mm = self.misfit.root_mm(used, excess_mm2)
+        variances = np.concatenate([axis_variances(c.observed.covariance_mm2) for c in checks])
+        root_mm = self.misfit.root_mm(used, (self.noise**2 - white**2) * float(variances.mean()))
         missed = np.kron(root_mm, np.eye(3)).reshape(len(used), 3, -1)[row]  # (M, 3, L) base frame
 
         def spread(frames_T_base: Sequence[Array], *, free: bool) -> ChangeTests:
-            of_each = [
-                check.linearised(frame, self.prior.centre_mm)
-                for check, frame in zip(checks, frames_T_base, strict=True)
-            ]
+            each = list(zip(checks, frames_T_base, strict=True))
+            of_each = [check.linearised(frame, self.prior.centre_mm) for check, frame in each]
             residual, columns, motion = (list(parts) for parts in zip(*of_each, strict=True))
-            blocks = np.concatenate([c.whiten @ f[:3, :3] for c, f in zip(checks, frames_T_base, strict=True)])
+            blocks = np.concatenate([check.whiten @ frame[:3, :3] for check, frame in each])
             by_x = np.concatenate(columns)
             own = by_x if free else np.concatenate([by_x, np.concatenate(motion)], axis=1)
             covariance = self.prior.covariance[: own.shape[1], : own.shape[1]]
@@ -143,7 +148,8 @@ class Expectation:
             whole = np.asarray(block_diag(covariance, np.eye(alike.shape[1])))
             blind = np.asarray(block_diag(*motion)) if free else None
             known = Spread.of(np.concatenate([own, alike], axis=1), whole, white, blind=blind)
-            return ChangeTests.of(np.concatenate(residual), known, blocks, self.dof, self.misfit.tails)
+            y = known.whiten(np.concatenate(residual))
+            return ChangeTests(y, known, blocks, self.dof, self.misfit.tails)
 
         anew = [check.anew_T_base for check in checks]
         before = anew if self.before_T_base is None else [self.before_T_base] * len(checks)
@@ -182,7 +188,7 @@ def _noise(base: Calibration) -> tuple[float, float, float]:
     return (1.0, dof, 1.0 / noise) if by_chance else (noise, dof, 1.0)
 
 
-def _finest(measured_mm: Array, covariance_mm2: Array) -> float:
+def _finest(observed: Observations) -> float:
     """Least noise, over the declared noise, that rounding of the coordinates allows."""
-    sigma_mm = float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3.0))
-    return _FINEST * max(float(np.abs(measured_mm).max()), 1.0) / sigma_mm
+    farthest_mm = max(float(np.abs(observed.points.xyz_mm).max()), 1.0)
+    return _FINEST * farthest_mm / axis_sigma(observed.covariance_mm2)

@@ -16,11 +16,13 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.extras.watch.cell import scanner_motion
+from calib.errors import CalibError
 from calib.extras.watch.change_models import LARGEST_BY_UNIT, SCANNER, ChangeModel, change_label
 from calib.extras.watch.change_tests import ALARM, ALONE, CONFOUNDED, NAMED, USUAL, ChangeTest, ChangeTests
 from calib.extras.watch.check_points import CheckPoints, Expectation
+from calib.extras.watch.watch import ChangeReport, report_of
 from calib.presented import Presented
+from calib.screening.blunders import without_blunders
 from calib.statistics import rms
 from calib.validation.cell_changes import Change
 
@@ -94,8 +96,7 @@ def watch_series(
     times, unit, calibration_dated = _times(base, checks)
     points = [CheckPoints.of(base, dataset) for dataset in checks]
     search = CourseSearch.of(points, times, Expectation.of(base, points, scanner_moved=scanner_moved))
-    found = search.most_likely()
-    model, change = (None, None) if found is None else (found[0].model, search.estimate(*found))
+    model, change = search.likeliest() or (None, None)
     return SeriesReport(
         names=tuple(dataset.name for dataset in checks),
         dates=tuple(dataset.about.date for dataset in checks),
@@ -128,7 +129,7 @@ def _times(base: Calibration, checks: Sequence[Dataset]) -> tuple[Array, str, bo
 # ---- the search -----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TimedModel(ChangeModel):
     """Model of a change of a cell with its course over a series of checks."""
 
@@ -161,45 +162,40 @@ class CourseSearch:
         before = expected.before_T_base
         if before is None:
             return cls(times, row, fixed, free, (), of_arm, of_arm, free.family_wise_p_value(of_arm), 0.0)
-        moved = _timed([(scanner_motion(c, before, expected.prior.centre_mm),) for c in checks], times, row)
+        moved = _timed([(c.scanner_motion(before, expected.prior.centre_mm),) for c in checks], times, row)
         of_all = tuple(fixed.tests((*models, *moved)))
-        shared_mm = fixed.spread.coloured(np.concatenate([np.linalg.inv(check.whiten) for check in checks])).shared_mm
-        promised_mm = float(np.sqrt(np.sum(shared_mm**2) / len(row)))
+        promised_mm = fixed.spread.shared_mm(np.concatenate([check.colour for check in checks]))
         p_unchanged = fixed.family_wise_p_value(of_all)
         return cls(times, row, fixed, free, tuple(moved), of_arm, of_all, p_unchanged, promised_mm)
 
-    def most_likely(self) -> tuple[ChangeTest[TimedModel], Sequence[ChangeTest[TimedModel]]] | None:
-        """Most likely change with its course, and its rivals; of the arm if a moved scanner does not explain it."""
+    def likeliest(self) -> tuple[TimedModel, Change] | None:
+        """Most likely change with its course and size, and its rivals; of the arm if no moved scanner explains it."""
         if self.p_unchanged > ALARM:
             return None
-        named = self.free.family_wise_p_value(self.of_arm) < NAMED
-        for tests in (self.of_arm, self.of_all) if named else (self.of_all,):
+        p_arm = self.free.family_wise_p_value(self.of_arm)
+        for tests, p_value in ((self.of_arm, p_arm), (self.of_all, self.p_unchanged))[p_arm >= NAMED :]:
             best = max(tests, key=_score, default=None)
-            if best is not None and self._is_possible(best):
-                return best, tests
+            change = None if best is None else self._estimate(best)
+            if best is None or change is None:
+                continue
+            rivals = (
+                change_label(*test.model.key)
+                for test in tests
+                if test.model.key != best.model.key
+                and _score(test) > _score(best) - CONFOUNDED
+                and test.p_value < ALARM
+            )
+            return best.model, replace(change, p_value=p_value, as_well=tuple(dict.fromkeys(rivals)))
         return None
 
-    def _is_possible(self, test: ChangeTest[TimedModel]) -> bool:
-        """Whether a change's size, at the last check, is one that a part can have."""
-        change = self._raw_estimate(test)
-        largest = abs(change.size) * (self.times[-1] if test.model.course == DRIFT else 1.0)
-        return bool(largest <= LARGEST_BY_UNIT[change.unit])
-
-    def _raw_estimate(self, test: ChangeTest[TimedModel]) -> Change:
+    def _estimate(self, test: ChangeTest[TimedModel]) -> Change | None:
+        """Size of a change; None for one that, at the last check, no part can have."""
         alone = next(iter(self.fixed.tests(self.scanner, given=[test.model])), None)
         at_rest = bool(self.scanner) and (alone is None or alone.p_value > ALONE)
         tests = self.fixed if at_rest or test.model.what == SCANNER else self.free
-        return tests.estimate(test.model, [test.model])
-
-    def estimate(self, best: ChangeTest[TimedModel], tests: Sequence[ChangeTest[TimedModel]]) -> Change:
-        """Size of the most likely change, with its rivals among the tests."""
-        rivals = [
-            change_label(*test.model.key)
-            for test in tests
-            if test.model.key != best.model.key and _score(test) > _score(best) - CONFOUNDED and test.p_value < ALARM
-        ]
-        p_value = (self.free if tests is self.of_arm else self.fixed).family_wise_p_value(tests)
-        return replace(self._raw_estimate(best), p_value=p_value, as_well=tuple(dict.fromkeys(rivals)))
+        change = tests.estimate(test.model, [test.model])
+        largest = abs(change.size) * (self.times[-1] if test.model.course == DRIFT else 1.0)
+        return change if largest <= LARGEST_BY_UNIT[change.unit] else None
 
 
 def _score(test: ChangeTest[TimedModel]) -> float:
@@ -209,18 +205,15 @@ def _score(test: ChangeTest[TimedModel]) -> float:
 
 def _timed(of_checks: Sequence[Sequence[ChangeModel]], times: Array, row: IndexArray) -> list[TimedModel]:
     """Changes that all checks have, by all points, with their courses: a drift; usual ones with a step before each."""
-    count = len(times)
-    drift = (DRIFT, 0, times, 1)
+    count, timed = len(times), []
     steps = [(STEP, k, (np.arange(count) >= k).astype(float), count) for k in range(count)]
-    timed = []
     for model in of_checks[0]:
         same = [other for models in of_checks for other in models if other.key == model.key]
-        if len(same) < count:
-            continue
-        columns = np.concatenate([one.columns for one in same])
-        for course, onset, factor, places in (drift, *(steps if model.what in USUAL else ())):
-            moved = columns * factor[row][:, None, None]
-            timed.append(TimedModel(*model.key, model.unit, moved, course, onset, places))
+        if len(same) == count:
+            columns = np.concatenate([one.columns for one in same])
+            for course, onset, factor, places in ((DRIFT, 0, times, 1), *(steps if model.what in USUAL else ())):
+                moved = columns * factor[row][:, None, None]
+                timed.append(TimedModel(*model.key, model.unit, moved, course, onset, places))
     return timed
 
 
@@ -237,10 +230,47 @@ def _time_left(search: CourseSearch, model: TimedModel | None, change: Change | 
         return TimeLeft(tolerance_mm, float(np.hypot(promised_mm, moved_mm)), None, None, None)
     now, per_time_mm = float(search.times[-1]), moved_mm / rms(search.times[search.row])
     left_mm = float(np.sqrt(max(tolerance_mm**2 - promised_mm**2, 0.0)))
+    rates_mm = (per_time_mm * (1.0 + sigmas * change.sigma / abs(change.size)) for sigmas in (0.0, _Z_95, -_Z_95))
+    reached = [None if rate_mm <= 0.0 else max(left_mm / rate_mm - now, 0.0) for rate_mm in rates_mm]
+    return TimeLeft(tolerance_mm, float(np.hypot(promised_mm, per_time_mm * now)), *reached)
 
-    def reached(sigmas: float) -> float | None:
-        rate_mm = per_time_mm * (1.0 + sigmas * change.sigma / abs(change.size))
-        return None if rate_mm <= 0.0 else max(left_mm / rate_mm - now, 0.0)
 
-    error_mm = float(np.hypot(promised_mm, per_time_mm * now))
-    return TimeLeft(tolerance_mm, error_mm, reached(0.0), reached(_Z_95), reached(-_Z_95))
+# ---- the cell -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class WatchedCell:
+    """Change reports of later measurements, with what all show together."""
+
+    seen: tuple[ChangeReport, ...]  # by date where all have one, else in the order given
+    together: SeriesReport | None  # None for fewer than three checks whose tables are right
+
+    @property
+    def is_unchanged(self) -> bool:
+        """Whether neither a check by itself nor the series shows a change."""
+        steady = self.together is None or self.together.is_steady
+        return steady and all(report.verdict == "unchanged" for report in self.seen)
+
+
+def watched_cell(
+    base: Calibration, later: Sequence[Dataset], *, scanner_moved: bool = False, tolerance_mm: float | None = None
+) -> WatchedCell:
+    """Change reports of later measurements against a calibration, and what they show together.
+
+    Raises:
+        FitError: as `watch` does.
+        CalibError: a tolerance for fewer than three checks whose tables are right.
+    """
+    base, dates = without_blunders(base), [date_of(dataset.about.date) for dataset in later]
+    if None not in dates:
+        later = [later[k] for k in sorted(range(len(later)), key=lambda k: str(dates[k]))]
+    seen = tuple(report_of(base, dataset, scanner_moved=scanner_moved) for dataset in later)
+    right = [dataset for dataset, report in zip(later, seen, strict=True) if report.data_problem is None]
+    if len(right) >= FEWEST_CHECKS and len({str(dataset.poses.setup[0]) for dataset in right}) == 1:
+        return WatchedCell(seen, watch_series(base, right, scanner_moved=scanner_moved, tolerance_mm=tolerance_mm))
+    if tolerance_mm is not None:
+        raise CalibError(
+            f"the time until a tolerance is reached takes {FEWEST_CHECKS} checks or more with one station of the "
+            f"scanner; found {len(right)}"
+        )
+    return WatchedCell(seen, None)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.consistency.agreement import points_of_poses, training_sample
 from calib.consistency.data_problem import DataProblem, is_beyond_effects
@@ -40,21 +41,15 @@ def sheet_problem(base: Calibration, new: Dataset) -> DataProblem | None:
 
     Only the scanner's frame is fitted: all else is predicted by the earlier fit.
     """
-    if new.points is None or len(new.points) < _FEWEST:
-        return None
     now_mm = _rmse_mm(base, new)
-    if now_mm is None or not is_beyond_effects(now_mm, new.robot):
+    if np.isinf(now_mm) or not is_beyond_effects(now_mm, new.robot):
         return None
-    names = column_names(new.robot)
-    tried: dict[DataHypothesis, float] = {}
-    for hypothesis in _hypotheses(base, new, names):
-        rmse_mm = _rmse_mm(base, hypothesis.of_dataset(new))
-        if rmse_mm is not None and rmse_mm < _FALLS_TO * now_mm and not is_beyond_effects(rmse_mm, new.robot):
-            tried[hypothesis] = rmse_mm
-    if not tried:
+    hypotheses = _hypotheses(base, new, column_names(new.robot))
+    tried = {hypothesis: _rmse_mm(base, hypothesis.of_dataset(new)) for hypothesis in hypotheses}
+    least = min(tried.values(), default=np.inf)
+    if least >= _FALLS_TO * now_mm or is_beyond_effects(least, new.robot):
         return None
-    least = min(tried.values())
-    good = [h for h, rmse_mm in tried.items() if rmse_mm < _AS_GOOD * least]
+    good = [hypothesis for hypothesis, rmse_mm in tried.items() if rmse_mm < min(_AS_GOOD * least, _FALLS_TO * now_mm)]
     best, *rivals = sorted(simplest_of(good), key=tried.__getitem__)
     return DataProblem(best, best.of_dataset(new), now_mm, tried[best], np.inf, tuple(rivals))
 
@@ -76,27 +71,26 @@ def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iter
         yield from of_units(base.robot, sample)
     yield from of_shifts(new)
     poses, points_mm = points_of_poses(new)
-    at_mm = predict_points(base.model, base.fit.x, _observed(base, new))
-    assert new.points is not None
-    first = [int(np.flatnonzero(new.points.pose == pose)[0]) for pose in poses]
-    if len(np.unique(new.points.target)) == 1:
+    observed, at_mm = _predicted(base, new)
+    first = [int(np.flatnonzero(observed.points.pose == pose)[0]) for pose in poses]
+    if len(np.unique(observed.points.target)) == 1:
         source = matched_rows(at_mm[first], points_mm)
         if source is not None and not np.array_equal(source, np.arange(len(source))):
             yield of_matching(new, poses, poses[source])
 
 
-def _observed(base: Calibration, new: Dataset) -> Observations:
-    """Observations of all new points, with scanner frames fitted to the nominal robot."""
-    later = replace(new, poses=new.poses.measured_later())
-    observed = Observations.of_all(later)
-    return with_nominal_scanner_frames(observed, base.model.placed_robot)
+def _predicted(base: Calibration, new: Dataset) -> tuple[Observations, Array]:
+    """Observations of all new points, and their places (M, 3) by the earlier fit, base frame."""
+    observed = Observations.of_all(replace(new, poses=new.poses.measured_later()))
+    observed = with_nominal_scanner_frames(observed, base.model.placed_robot)
+    return observed, predict_points(base.model, base.fit.x, observed)
 
 
-def _rmse_mm(base: Calibration, new: Dataset) -> float | None:
-    """3D RMSE, mm, of new points by the earlier fit, with the scanner's frame refitted; None for too few points."""
+def _rmse_mm(base: Calibration, new: Dataset) -> float:
+    """3D RMSE, mm, of new points by the earlier fit, with the scanner's frame refitted; inf for too few points."""
     if new.points is None or len(new.points) < _FEWEST:
-        return None
-    observed = _observed(base, new)
-    at_mm, measured_mm = predict_points(base.model, base.fit.x, observed), observed.points.xyz_mm
+        return np.inf
+    observed, at_mm = _predicted(base, new)
+    measured_mm = observed.points.xyz_mm
     frame = fit_scanner_frame(at_mm, measured_mm, observed.covariance_mm2)
     return rms_length(apply(frame, at_mm) - measured_mm)

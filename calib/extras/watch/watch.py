@@ -9,7 +9,7 @@ cell that a sheet in another order or unit does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,23 +21,14 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import as_dataset
 from calib.errors import FitError
 from calib.extras.watch.cell import CellTests
-from calib.extras.watch.change_models import BASE, JIG, JOINT_ZERO, NOISE, SCANNER, TOOL, ChangeModel
-from calib.extras.watch.change_tests import (
-    ALARM,
-    NAMED,
-    NAMED_GIVEN_OTHERS,
-    NOISIER,
-    Detectable,
-    confounded_with,
-    most_likely,
-)
+from calib.extras.watch.change_models import BASE, SCANNER
+from calib.extras.watch.change_tests import ALARM, Detectable
 from calib.extras.watch.sheet import change_of, sheet_problem
 from calib.measurement.measured_dataset import measured
 from calib.presented import Presented
 from calib.screening.blunders import without_blunders
+from calib.statistics import axis_sigma, rms_length
 from calib.validation.cell_changes import CellChanges, Change
-
-MAX_ARM_CHANGES = 3  # most changes of the arm that are named
 
 
 @dataclass(frozen=True)
@@ -107,98 +98,35 @@ def report_of(base: Calibration, new: Dataset, *, scanner_moved: bool) -> Change
             "scanner where it was"
         )
     tests, trained = CellTests.of(base, new, scanner_moved=scanner_moved), base.trained
-    p_unchanged = tests.p_unchanged
+    check, p_unchanged, (likely_mm, limit_mm) = tests.check, tests.p_unchanged, tests.limits_mm
     problem = sheet_problem(base, new)
-    changes = _changes(tests, alarmed=p_unchanged < ALARM) if problem is None else (change_of(problem),)
-    beyond = tests.rmse_mm > tests.limit_mm
-    open_cause = _arm_or_scanner(changes) if changes else beyond
-    verdict = "unclear" if open_cause else "changed" if changes else "unchanged"
+    changes = tests.changes(alarmed=p_unchanged < ALARM) if problem is None else (change_of(problem),)
+    is_open = any(  # arm and scanner are confounded
+        SCANNER in change.as_well or (change.what == SCANNER and set(change.as_well) - {BASE}) for change in changes
+    )
+    is_open |= not changes and tests.rmse_mm > limit_mm
+    earlier = base.after.scanner_T_base.get(check.station)
     return ChangeReport(
         name=new.name,
-        verdict=verdict,
+        verdict="unclear" if is_open else "changed" if changes else "unchanged",
         changes=changes,
         detectable=tuple(tests.free.detectable(model) for model in tests.models),
         rmse_mm=tests.rmse_mm,
-        likely_mm=tests.likely_mm,
-        limit_mm=tests.limit_mm,
-        usual=_usual(tests, changes),
-        rmse_scanner_free_mm=tests.rmse_scanner_free_mm,
-        expected_mm=tests.expected_mm,
-        p_unchanged=min(p_unchanged, tests.free.p_noise),
-        poses=tests.poses,
+        likely_mm=likely_mm,
+        limit_mm=limit_mm,
+        usual=tests.usual_sizes(changes),
+        rmse_scanner_free_mm=rms_length(check.errors_mm(check.anew_T_base)),
+        expected_mm=float(np.sqrt(3.0)) * tests.expected.noise * axis_sigma(check.observed.covariance_mm2),
+        p_unchanged=min(p_unchanged, tests.free.p_rest([])),
+        poses=check.poses,
         date=new.about.date,
         data_problem=problem,
         outside=tuple(new.poses.ids[i] for i in np.flatnonzero(trained.outside(new.robot, new.poses.q))),
         outside_words=trained.words(new.robot, new.poses.q, new.poses.ids),
         left_out=base.fitted_dataset.left_out,
-        set_up_anew_mm=None if scanner_moved else tests.elsewhere_mm,
+        set_up_anew_mm=None if scanner_moved or earlier is None else check.elsewhere_mm(earlier),
         times_noise=times_declared_noise(base),
     )
-
-
-def _usual(tests: CellTests, changes: tuple[Change, ...]) -> tuple[Change, ...]:
-    """Size of the change of each joint's zero and of the tool or jig, given the changes found."""
-    named = {(c.what, c.joint, c.parameter) for c in changes if SCANNER not in c.as_well}
-    arm = [model for model in tests.models if model.key in named]
-    moved = any(c.what == SCANNER for c in changes)
-    usual = [model for model in tests.models if model.what in (JOINT_ZERO, TOOL, JIG)]
-    return tuple(tests.size_given(model, arm, scanner_moved=moved) for model in usual)
-
-
-def _arm_or_scanner(changes: tuple[Change, ...]) -> bool:
-    """Whether a change of the arm and a motion of the scanner are confounded."""
-    return any(change.what == SCANNER and set(change.as_well) - {BASE} for change in changes) or any(
-        SCANNER in change.as_well for change in changes
-    )
-
-
-def _changes(tests: CellTests, *, alarmed: bool) -> tuple[Change, ...]:
-    """Significant changes of a cell: first of the arm, then the scanner's motion, then the noise.
-
-    alarmed: whether anything changed; else only the noise can have.
-    """
-    changes = _of_arm_and_scanner(tests) if alarmed else []
-    models = [model for model in tests.models if any(model.key == (c.what, c.joint, c.parameter) for c in changes)]
-    p_noise = tests.free.p_rest(models)
-    if p_noise < NOISIER:
-        ratio = tests.free.noise_ratio(models)
-        sigma = ratio / np.sqrt(2.0 * tests.free.dof(models))
-        changes.append(Change(NOISE, None, "", ratio, float(sigma), "times", p_noise, ()))
-    return tuple(changes)
-
-
-def _of_arm_and_scanner(tests: CellTests) -> list[Change]:
-    """Significant changes of the arm, added one by one, and the scanner's motion given these changes."""
-    models = tests.models
-    arm: list[ChangeModel] = []
-    p_values: list[float] = []
-    confounded: list[tuple[str, ...]] = []
-    while len(arm) < MAX_ARM_CHANGES:
-        of_each = tests.free.tests(models, given=arm)
-        best = most_likely(of_each)
-        if best is None:
-            break
-        if tests.no_part_makes(tests.free.estimate(best.model, [*arm, best.model]), best.model):
-            models = tuple(model for model in models if model is not best.model)
-            continue
-        p_value = tests.free.family_wise_p_value(of_each)
-        limit = NAMED if not arm and tests.explains_alone(best.model) else NAMED_GIVEN_OTHERS
-        if not tests.scanner_known and not arm:
-            limit = ALARM
-        if p_value > limit or tests.free.noise_explains(arm, best.model):
-            break
-        arm.append(best.model)
-        p_values.append(p_value)
-        confounded.append(confounded_with(of_each, best))
-    if not arm:
-        return tests.change_with_scanner_fixed() if tests.scanner_known else []
-    moved = tests.scanner_moved(arm)
-    fitted = tests.free if moved is not None or not tests.scanner_known else tests.fixed
-    changes = [
-        replace(fitted.estimate(model, arm), p_value=p_value, as_well=others)
-        for model, p_value, others in zip(arm, p_values, confounded, strict=True)
-    ]
-    return changes if moved is None else [*changes, moved]
 
 
 def changes_since(calibration: Calibration, later: Dataset) -> CellChanges:

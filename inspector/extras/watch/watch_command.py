@@ -10,7 +10,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.extras.watch.present.changes import watch_document, watch_summary
-from calib.extras.watch.watched_cell import WatchedCell, watched_cell
+from calib.extras.watch.series import WatchedCell, watched_cell
 from calib.present import to_dict
 from calib.rendering import numbers
 from inspector.cli.calibrate_command import fitted

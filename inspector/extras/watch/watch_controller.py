@@ -5,7 +5,7 @@ from __future__ import annotations
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
-from calib.extras.watch.watched_cell import WatchedCell, watched_cell
+from calib.extras.watch.series import WatchedCell, watched_cell
 from inspector.app.page.tab_controller import Page, TabController
 from inspector.extras.watch.watch_panel import WatchPanel
 from inspector.server.background import Background

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from calib.extras.watch.present.changes import METHOD, cell_verdict, change_sections, control_chart
-from calib.extras.watch.watched_cell import WatchedCell
+from calib.extras.watch.series import WatchedCell
 from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section
 from inspector.extras.watch import watch_plots
 from inspector.figures.svg.file import svg_file

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import viser
 
 from calib.extras.watch.present.changes import cell_verdict, change_sections
-from calib.extras.watch.watched_cell import WatchedCell
+from calib.extras.watch.series import WatchedCell
 from calib.rendering import html
 from inspector.extras.watch.watch_plots import control_chart
 from inspector.markup.parts import elements

@@ -19,9 +19,8 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.extras.follow.arrivals import SETTLED_S, FolderState
 from calib.extras.follow.campaign import Campaign, with_arrivals
-from calib.extras.follow.follower import PATIENCE_S, CampaignFollower, News
+from calib.extras.follow.follower import PATIENCE_S, SETTLED_S, CampaignFollower, News
 from calib.extras.follow.judgement import PoseJudgement
 from calib.extras.follow.present.campaign import campaign_head, judgement_document
 from calib.frames import best_fit_transform, rotation_from_rotvec
@@ -222,18 +221,11 @@ def test_a_fault_in_a_table_is_told_once_when_it_lasts_and_forgotten_when_mended
     assert len(clock.settle()) == 3
 
 
-def test_a_file_counts_once_it_rests(tmp_path: Path) -> None:
-    path = tmp_path / "scan.ply"
-    state = FolderState().looked_again((tmp_path, tmp_path / "none"), 0.0)
-    assert state.settled(path) is None
-    path.write_bytes(b"a")
-    state = state.looked_again((tmp_path,), 1.0)
-    path.write_bytes(b"ab")
-    state = state.looked_again((tmp_path,), 1.0 + SETTLED_S)
-    assert state.settled(path) is None  # it grew since
-    state = state.looked_again((tmp_path,), 1.0 + 2.1 * SETTLED_S)
-    assert state.settled(path) is not None
-    assert state.is_at_rest
+def test_empty_files_hold_nothing_up(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copy(folder.parent / "points.csv", folder)
+    (folder / ".gitkeep").touch()
+    assert main(["follow", str(folder), "--once"]) in (0, 1)
+    assert f"{POSES} of {POSES} poses good" in capsys.readouterr().out
 
 
 @pytest.mark.slow

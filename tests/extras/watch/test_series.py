@@ -15,9 +15,8 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.extras.watch.present.changes import series_sentence, time_left_sentence, watch_document
-from calib.extras.watch.series import DRIFT, STEP, watch_series
+from calib.extras.watch.series import DRIFT, STEP, watch_series, watched_cell
 from calib.extras.watch.watch import watch
-from calib.extras.watch.watched_cell import watched_cell
 from calib.statistics import rms_length
 from tests.support.checked_cell import Cell
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from calib.extras.watch.change_models import BASE, NOISE, change_label
-from calib.extras.watch.series import DRIFT, SeriesReport
+from calib.extras.watch.series import DRIFT, SeriesReport, WatchedCell
 from calib.extras.watch.watch import ChangeReport
-from calib.extras.watch.watched_cell import WatchedCell
 from calib.present.over_time.comparison import misfit_sentence, or_confounded
 from calib.present.results import document, presentation
 from calib.rendering import numbers

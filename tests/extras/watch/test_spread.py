@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from calib import calibrate
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
-from calib.extras.watch.prediction_spread import Spread
+from calib.extras.watch.spread import LIMIT_SHARE, Spread
 from calib.extras.watch.watch import watch
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
@@ -47,11 +48,12 @@ def test_it_whitens_and_adds_up_as_the_dense_matrix_does(noise: float, blind: bo
     whole[np.arange(M), :, np.arange(M)] = blocks
     rows = spread.whiten(whole.reshape(3 * M, 3 * M))
     assert spread.total_weight(blocks) == pytest.approx(np.sum(rows**2), rel=1e-6)
-    errors = spread.coloured(blocks)
+    mean_mm, limit_mm = spread.limits_mm(blocks)
     turned = whole.reshape(3 * M, 3 * M) @ rest
     expected = turned @ dense @ turned.T
-    assert errors.trace_mm2 == pytest.approx(np.trace(expected))
-    assert errors.sum_of_squares_mm4 == pytest.approx(np.sum(expected**2))
+    mean, squares = np.trace(expected), np.sum(expected**2)
+    assert M * mean_mm**2 == pytest.approx(mean)
+    assert M * limit_mm**2 == pytest.approx(squares / mean * chi2.ppf(LIMIT_SHARE, mean**2 / squares))
 
 
 def test_a_root_is_found_where_rounding_leaves_no_positive_matrix() -> None:
