@@ -193,7 +193,7 @@ def test_a_frame_that_is_not_defined_has_to_be_given(cell: Cell, tmp_path: Path)
         run(cell, "RAPID", without, tmp_path)
     given = run(cell, "RAPID", without, tmp_path, tool=TOOL)
     defined = run(cell, "RAPID", text, tmp_path)
-    assert given.content.splitlines() == [line for line in defined.content.splitlines() if b"tooldata" not in line]
+    np.testing.assert_allclose(sent("RAPID", given.content), sent("RAPID", defined.content), atol=1e-8)
     with pytest.raises(CalibError, match="leave it out"):
         run(cell, "RAPID", text, tmp_path, tool=TOOL)
 
