@@ -15,7 +15,7 @@ from calib.diagnosis.headline import headline_of
 from calib.options import FitOptions
 from calib.present.fit import errors as headlines
 from calib.present.fit.calibration import calibration_document, calibration_warnings
-from calib.rendering.numbers import column_mm
+from calib.rendering.numbers import length_change
 from tests.support.arms import dataset_of, jang_arm, perturbed
 from tests.support.commands import answered
 
@@ -47,7 +47,7 @@ def test_a_fit_that_is_worse_says_so(dataset: Dataset, options: FitOptions) -> N
     before, after = fit.before.test, fit.after.test
     assert after.rmse_mm > before.rmse_mm
     (said,) = [w for w in calibration_warnings(fit) if "worse than robot.toml" in w]
-    assert f"RMSE from {column_mm(before.rmse_mm)} to {column_mm(after.rmse_mm)} mm" in said
+    assert length_change(before.rmse_mm, after.rmse_mm) in said
     assert calibration_document(fit)["worse_than_nominal"] == said
     assert said[1:] in fit.summary()  # with a capital letter
     assert "worse than robot.toml" in headlines.note(headline_of([fit]))

@@ -178,7 +178,7 @@ def test_a_diagnosis_tells_what_is_proven() -> None:
     assert (told["effect"], told["joint"], told["pairs"]) == ("joint_compliance", 2, 15)
     summary = found.summary()
     assert "Proven by 15 pairs, hanging 2 kg on the flange: joint compliance (joint_compliance) of joint 2" in summary
-    assert "5 pairs of test poses" in summary
+    assert "5 pairs of held-out test poses" in summary
     assert "contradicts" not in summary
     together = found.to_dict()["joint_fit"]
     assert [(value["effect"], value["joint"]) for value in together["values"]] == [("joint_compliance", 2)]

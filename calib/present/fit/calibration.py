@@ -318,7 +318,7 @@ def worsening_sentence(calibration: Calibration) -> str:
     if worse is None:
         return ""
     return (
-        "the fit is no better than robot.toml: "
+        "the fit is worse than robot.toml: "
         f"{ErrorChange(worse.role, worse.before_mm, worse.after_mm).words()}; do not use it, find out why first (too "
         "few or too similar poses for what is fitted, another residual, no prior)"
     )
