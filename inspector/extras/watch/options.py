@@ -26,4 +26,4 @@ class WatchOptions(WithAdding, WithLeaveOut, Output):
         metavar="MM",
         parse=values.rmse_mm,
     )
-    out: Sequence[Path] = several("write the control chart: .svg, with tables .html; several times")
+    out: Sequence[Path] = several("write the control chart with tables, .html")

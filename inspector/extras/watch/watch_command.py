@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from pathlib import Path
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.extras.watch.present.changes import watch_document, watch_summary
-from calib.extras.watch.series import WatchedCell, watched_cell
+from calib.extras.watch.series import watched_cell
 from calib.present import to_dict
 from calib.rendering import numbers
 from inspector.cli.calibrate_command import fitted
@@ -18,14 +17,12 @@ from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.output_paths import check_outputs
 from inspector.extras.watch.options import WatchOptions
 
-WATCH_FILES = (".html", ".svg")
-
 
 def run_watch(options: WatchOptions) -> int:
     """Report changes since a calibration; exit code 1 where there are any, as an alarm for scheduled runs."""
     for out in options.out:
-        if out.suffix.lower() not in WATCH_FILES:
-            raise CalibError(f"{out}: found the suffix {out.suffix!r}; a watch is written as {' '.join(WATCH_FILES)}")
+        if out.suffix.lower() != ".html":
+            raise CalibError(f"{out}: found the suffix {out.suffix!r}; a watch is written as .html")
     datasets = [load(path) for path in (options.path, *options.new)]
     for dataset in datasets:
         check_outputs(dataset, options.out)
@@ -34,8 +31,12 @@ def run_watch(options: WatchOptions) -> int:
     cell = watched_cell(
         base, list(map(measured, later)), scanner_moved=options.scanner_moved, tolerance_mm=options.tolerance_mm
     )
-    for out in options.out:
-        _write(out, base.dataset.name, cell)
+    if options.out:
+        from inspector.extras.watch.watch_page import watch_html  # with plotly, which takes a while to load
+
+        page = watch_html(base.dataset.name, cell, now=datetime.now())
+        for out in options.out:
+            write_text_atomically(out, page)
     show(options, to_dict(watch_document(cell)), "\n".join(watch_summary(cell)))
     return 0 if cell.is_unchanged else 1
 
@@ -47,10 +48,3 @@ def _without(datasets: Sequence[Dataset], pose_ids: Sequence[str]) -> list[Datas
             names = numbers.listing([dataset.name for dataset in datasets])
             raise CalibError(f"--leave-out {pose_id}: found no pose of this name in {names}; poses.csv names them")
     return [dataset.leave_out([one for one in pose_ids if one in dataset.poses.ids]) for dataset in datasets]
-
-
-def _write(out: Path, base: str, cell: WatchedCell) -> None:
-    from inspector.extras.watch.watch_page import watch_html, watch_svg  # with plotly, which takes a while to load
-
-    page = watch_svg(cell) if out.suffix.lower() == ".svg" else watch_html(base, cell, now=datetime.now())
-    write_text_atomically(out, page)

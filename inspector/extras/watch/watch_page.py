@@ -7,8 +7,6 @@ from datetime import datetime
 from calib.extras.watch.present.changes import METHOD, cell_verdict, change_sections, control_chart
 from calib.extras.watch.series import WatchedCell
 from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section
-from inspector.extras.watch import watch_plots
-from inspector.figures.svg.file import svg_file
 from inspector.report.page import render
 from inspector.report.report import versions
 
@@ -27,8 +25,3 @@ def watch_html(base: str, cell: WatchedCell, *, now: datetime) -> str:
         Section("Made with", (Facts(versions()),)),
     ]
     return render(Presentation(f"Watch: {base}", head, sections))
-
-
-def watch_svg(cell: WatchedCell) -> str:
-    """SVG file of the control chart."""
-    return svg_file(watch_plots.control_chart(cell.seen), 850, 360, title="control chart")

@@ -132,13 +132,6 @@ def test_what_moved_in_the_middle_is_told_with_the_pose_and_ends_with_a_setup_of
         assert len(campaign.good) >= POSES - 1
 
 
-@pytest.mark.thorough
-def test_nothing_moves_in_a_campaign_where_nothing_moved() -> None:
-    campaign = measured_in_steps(measured(), [20, *range(24, POSES + 1, 4)])
-    assert campaign.off_since is None
-    assert {j.state for j in campaign.judged.values()} == {"good"}
-
-
 # ---- files ----------------------------------------------------------------------------------------------------------
 
 
@@ -320,30 +313,6 @@ def test_the_command_tells_names_that_the_plan_does_not_have(folder: Path, capsy
     (folder / "points.csv").write_text(header + lines[1].replace(ids[1], "shot 2"))
     assert main(["follow", str(folder), "--once"]) == 2
     assert "nothing was measured; shot 2 is of no pose" in capsys.readouterr().err
-
-
-@pytest.mark.thorough
-def test_a_table_that_is_written_anew_each_time_tells_nothing_twice(folder: Path) -> None:
-    whole = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
-    clock, poses = Clock(folder), (folder / "poses.csv").read_text()
-    told: list[str] = []
-    for count in (12, 13, 14):
-        for part in ("", "".join(whole[:4]), "".join(whole[: count + 1])):  # emptied, half written, whole
-            (folder / "points.csv").write_text(part)
-            told += [j.pose for j in clock.look(0.2).judged]
-        told += [j.pose for j in clock.look().judged]
-        (folder / "points.csv").unlink()  # as one that is renamed into place
-        (folder / "poses.csv").write_text("".join(poses.splitlines(keepends=True)[:3]))
-        news = clock.look(0.2)
-        assert (news.judged, news.unknown, news.fault) == ((), (), "")
-        assert not clock.follower.is_at_rest
-        (folder / "poses.csv").write_text(poses)
-        (folder / "points.csv").write_text("".join(whole[: count + 1]))
-        told += [j.pose for j in clock.settle()]
-    assert sorted(told) == sorted(measured().poses.ids[:14])
-    campaign = clock.follower.campaign
-    assert campaign is not None
-    assert list(campaign.judged) == list(measured().poses.ids[:14])
 
 
 @pytest.mark.thorough

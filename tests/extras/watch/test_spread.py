@@ -84,7 +84,10 @@ def cell(number: int) -> tuple[Dataset, FitOptions]:
     return dataset, options
 
 
-def watch_itself(numbers: range) -> None:
+@pytest.mark.thorough
+@pytest.mark.slow
+@pytest.mark.parametrize("numbers", [range(40), range(40, 200)], ids=str)
+def test_an_arm_against_itself_is_unchanged_whatever_the_noise(numbers: range) -> None:
     watched = 0
     for number in numbers:
         dataset, options = cell(number)
@@ -99,18 +102,6 @@ def watch_itself(numbers: range) -> None:
             assert np.isfinite([found.rmse_mm, found.expected_mm, found.limit_mm, found.p_unchanged]).all()
         watched += 1
     assert watched > 0.6 * len(numbers)
-
-
-@pytest.mark.thorough
-@pytest.mark.slow
-def test_an_arm_against_itself_is_unchanged_whatever_the_noise() -> None:
-    watch_itself(range(40))
-
-
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_many_arms_against_themselves_are_unchanged() -> None:
-    watch_itself(range(40, 200))
 
 
 @pytest.mark.slow
