@@ -16,13 +16,13 @@ from math import inf
 import numpy as np
 
 from calib.array_types import Array
-from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind
+from calib.extras.robot_programs.program_text.flow import FlowKind
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.reading import (
     COMPUTED,
     Aim,
     Assignment,
-    Frames,
+    FrameKind,
     Held,
     ProgramReader,
     Told,
@@ -42,6 +42,7 @@ _EXTERNAL = ("e1", "e2", "e3", "e4", "e5", "e6")
 _MOTIONS = {"ptp": 1, "sptp": 1, "lin": 1, "slin": 1, "spl": 1, "circ": 2, "scirc": 2}  # and how many targets each has
 _NULL = {"$nullframe": ("tool", "base"), "$world": ("base",), "$robroot": ("base",)}
 _NO_POSITION = re.compile(r"\$|(base|tool)_data")
+_NAMES = {"tool": "tool", "work": "base"}
 _FIXED = "moves a workpiece at a fixed tool"
 
 
@@ -162,28 +163,22 @@ class KrlReader(ProgramReader):
         transform = None if each.component else self._plain(each.value)
         return NamedFrame(f"${kind.upper()} of {self.source.at_line(each.place)}", transform)
 
-    def frames(self) -> tuple[Frames[NamedFrame], Frames[NamedFrame]]:
-        """Where tools and bases are set outside of motions."""
-        tools, works = (
-            Frames(
-                NamedFrame(f"the {kind} (the file sets no ${kind.upper()})", None),
-                [FlowEvent(place, "set", value=frame) for place, frame in self._set(kind)],
-            )
-            for kind in ("tool", "base")
-        )
-        return tools, works
+    def before(self, kind: FrameKind) -> NamedFrame:
+        """Tool or base at the program's start."""
+        return NamedFrame(f"the {_NAMES[kind]} (the file sets no ${_NAMES[kind].upper()})", None)
 
-    def _set(self, kind: str) -> Iterable[tuple[int, NamedFrame]]:
-        """Places and frames of a kind: set directly, by an inline form and by BAS."""
-        for each in self._sets(kind):
+    def sets(self, kind: FrameKind) -> Iterable[tuple[int, NamedFrame]]:
+        """Places and frames: set outside of motions, directly, by an inline form and by BAS."""
+        name = _NAMES[kind]
+        for each in self._sets(name):
             if not {*each.before} & _MOTIONS.keys():
                 yield each.place, self._frame(each)
         for each in self.assignments.get("fdat_act", []):
-            yield each.place, NamedFrame(f"the {kind} of {self.text(each.value)}", None)
+            yield each.place, NamedFrame(f"the {name} of {self.text(each.value)}", None)
         for call, _ in self.source.parts:
             texts = [part.text for item in call.items for part in item.parts]
-            if call.text == "bas" and texts[:2] == ["#", kind]:
-                yield call.start, self._numbered(kind, "".join(texts[2:]))
+            if call.text == "bas" and texts[:2] == ["#", name]:
+                yield call.start, self._numbered(name, "".join(texts[2:]))
 
 
 def _components(brackets: Part) -> dict[str, Item]:

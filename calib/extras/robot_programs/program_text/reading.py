@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import ClassVar, Generic, Never
+from typing import ClassVar, Literal, Never
 
 from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind, Value, reaching
 from calib.extras.robot_programs.program_text.source import Item, Part, Source, Statement, Syntax
@@ -91,12 +91,8 @@ class Told:
     reason: str = ""  # why it is left, though the arm goes there
 
 
-@dataclass(frozen=True)
-class Frames(Generic[Value]):
-    """Where a program sets its tools or work frames, or the place of the target at which the arm stands."""
-
-    before: Value  # at its start
-    sets: Sequence[FlowEvent[Value]] = ()
+FrameKind = Literal["tool", "work"]
+KINDS: tuple[FrameKind, FrameKind] = ("tool", "work")
 
 
 class ProgramReader(ABC):
@@ -136,10 +132,13 @@ class ProgramReader(ABC):
     def told(self, held: Held) -> Told | str | None:
         """A literal's target, why it is left, or None where it does not look like one."""
 
-    def frames(self) -> tuple[Frames[NamedFrame], Frames[NamedFrame]]:
-        """Where tools and work frames are set, for visits that do not tell theirs."""
-        tool, work = (NamedFrame(f"the {what} (the program has no move)", None) for what in ("tool", "work object"))
-        return Frames(tool), Frames(work)
+    def sets(self, kind: FrameKind) -> Iterable[tuple[int, NamedFrame]]:
+        """Places where tools or work frames are set, for visits that do not tell theirs, and the frames."""
+        return ()
+
+    def before(self, kind: FrameKind) -> NamedFrame:
+        """Tool or work frame at the program's start."""
+        return NamedFrame(f"the {'tool' if kind == 'tool' else 'work object'} (the program has no move)", None)
 
     @property
     def acts(self) -> bool:
@@ -272,18 +271,16 @@ class ProgramReader(ABC):
             ]
             for visit in to[target.place]:
                 goals.setdefault(visit.aim.place, []).append(target.place)
-        ends: list[FlowEvent[int]] = []  # a posture that is kept on the way to a place that is not known stays the same
+        ends: list[tuple[int, int]] = []  # on the way to a place that is not known a kept posture stays
         for visit in self.visits:
             ends_at = goals.get(visit.aim.place, [])
             if len(ends_at) == 1 or visit.is_joint:
-                end = ends_at[0] if len(ends_at) == 1 else UNKNOWN_PLACE
-                ends.append(FlowEvent(visit.aim.place, "set", value=end))
-        tools, works = self.frames()
-        before = self._reaching(Frames(UNKNOWN_PLACE, ends))
+                ends.append((visit.aim.place, ends_at[0] if len(ends_at) == 1 else UNKNOWN_PLACE))
+        after = self._reaching(UNKNOWN_PLACE, ends)
         for visit in self.visits:
             if visit.aim.element == COMPUTED:  # any element may be the one before
-                before[visit.aim.place] = frozenset([UNKNOWN_PLACE])
-        of_tools, of_works = self._reaching(tools), self._reaching(works)
+                after[visit.aim.place] = frozenset([UNKNOWN_PLACE])
+        tools, works = (self._reaching(self.before(kind), self.sets(kind)) for kind in KINDS)
         for target, held, told in found:
             own = to[target.place]
             reasons = self.changed.get(held.variable, ""), told.reason, *(visit.reason for visit in own)
@@ -293,10 +290,10 @@ class ProgramReader(ABC):
             elif not reason and self.acts and not own and not told.is_kept:
                 reason = "no motion of the program uses it"
             if not reason and target.kind == "pose":
-                of_visits = [[v.tool] if v.tool else of_tools[v.aim.place] for v in own]
-                tool, reason = _only("tools", [[target.tool]] if target.tool else of_visits, tools.before)
-                of_visits = [[v.work] if v.work else of_works[v.aim.place] for v in own]
-                work, several = _only("work frames", [[target.work]] if target.work else of_visits, works.before)
+                of_tools = [target.tool] if target.tool else [v.tool or f for v in own for f in tools[v.aim.place]]
+                of_works = [target.work] if target.work else [v.work or f for v in own for f in works[v.aim.place]]
+                tool, reason = _only("tools", of_tools or [self.before("tool")])
+                work, several = _only("work frames", of_works or [self.before("work")])
                 reason = reason or several
                 target = replace(
                     target,
@@ -304,22 +301,23 @@ class ProgramReader(ABC):
                     work=work,
                     near=target.near or next((visit.aim.near for visit in own if visit.aim.near), ()),
                     keeps_posture=bool(own) and all(visit.keeps for visit in own),
-                    arrivals=tuple(Arrival(visit.is_joint, before[visit.aim.place]) for visit in own),
+                    arrivals=tuple(Arrival(visit.is_joint, after[visit.aim.place]) for visit in own),
                 )
             if reason:
                 self._leave(target.place, target.name, reason)
             else:
                 yield target
 
-    def _reaching(self, of: Frames[Value]) -> dict[int, frozenset[Value]]:
-        """What of several values is set before each motion, by its place."""
+    def _reaching(self, before: Value, sets: Iterable[tuple[int, Value]]) -> dict[int, frozenset[Value]]:
+        """Which of several values, set at places, may hold before each motion, by its place."""
         uses: list[FlowEvent[Never]] = [FlowEvent(visit.aim.place, "use") for visit in self.visits]
-        return reaching([*self._structure, *uses, *of.sets], of.before, top_first=self.top_first)
+        events = [FlowEvent(place, "set", value=value) for place, value in sets]
+        return reaching([*self._structure, *uses, *events], before, top_first=self.top_first)
 
 
-def _only(what: str, told: Iterable[Iterable[NamedFrame]], before: NamedFrame) -> tuple[NamedFrame, str]:
+def _only(what: str, found: Iterable[NamedFrame]) -> tuple[NamedFrame, str]:
     """The one frame that all motions to a target have, or why there are several."""
-    frames = sorted({frame for each in told for frame in each} or {before}, key=lambda each: each.name)
+    frames = sorted({*found}, key=lambda each: each.name)
     if len(frames) == 1:
         return frames[0], ""
     return frames[0], f"it is used with several {what}, {frames[0].name} and {frames[1].name}; write a target for each"

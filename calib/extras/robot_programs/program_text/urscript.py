@@ -15,13 +15,13 @@ from math import pi
 
 import numpy as np
 
-from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind
+from calib.extras.robot_programs.program_text.flow import FlowKind
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform
 from calib.extras.robot_programs.program_text.reading import (
     COMPUTED,
     Aim,
     Assignment,
-    Frames,
+    FrameKind,
     Held,
     ProgramReader,
     Told,
@@ -155,16 +155,18 @@ class UrscriptReader(ProgramReader):
                 return self._plain(aim, "") if aim.literal else self._joints_of(aim.variable)
         return ()
 
-    def frames(self) -> tuple[Frames[NamedFrame], Frames[NamedFrame]]:
-        """Where the tool is set; poses are in the base or behind a frame of their own."""
-        sets: list[FlowEvent[NamedFrame]] = []
-        for call, _ in self.source.parts:
+    def before(self, kind: FrameKind) -> NamedFrame:
+        """Tool at the program's start; poses are in the base or behind a frame of their own."""
+        return NamedFrame("the controller's own TCP (no set_tcp before it)", None) if kind == "tool" else _BASE
+
+    def sets(self, kind: FrameKind) -> Iterable[tuple[int, NamedFrame]]:
+        """Places where the tool is set, and the tools."""
+        for call, _ in self.source.parts if kind == "tool" else ():
             if call.text == "set_tcp" and call.items:
                 aim = self.aim(call.items[0])
                 held = None if aim.literal else self._once(aim.variable)
                 name = f"the TCP of {self.source.at_line(call.start)}" if held is None else aim.variable
-                sets.append(FlowEvent(call.start, "set", value=self._plain_frame(held or aim, name)))
-        return Frames(NamedFrame("the controller's own TCP (no set_tcp before it)", None), sets), Frames(_BASE)
+                yield call.start, self._plain_frame(held or aim, name)
 
 
 def _argument(item: Item) -> tuple[str, Item]:
