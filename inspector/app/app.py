@@ -115,7 +115,6 @@ class App:
         """End the work, the threads and the server."""
         self._watch.stop()
         self._playback.stop()
-        self.stage.comparison.residuals.stop()
         self.imports.close()
         self.worker.stop()
         self.downloads.close()

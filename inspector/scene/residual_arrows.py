@@ -5,8 +5,6 @@ Of poses measured again under another condition: those before or after the chang
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -33,7 +31,6 @@ TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
 TOUCH = 3.0  # of what is drawn: how much wider is what takes its clicks, which is not seen
 CUT_LABELS = 3  # arrows that are cut and carry a label with their length
 ABOVE_MM = 20.0  # height of the legend over the points
-FALL_S, FRAMES = 0.7, 14  # of the move from the model before to the one on show
 
 
 # ---- lengths --------------------------------------------------------------------------------------------------------
@@ -149,63 +146,33 @@ def _drawn(start_mm: Array, error_mm: Array, pose: IndexArray, version: Version,
 class ResidualArrows:
     """Drawing of arrows from measured points to each compared version's predictions, enlarged by `View.arrows`.
 
-    One version alone is drawn over thin lines of the model before it. Where that model was on show until now, the
-    arrows move from it to the one on show within FALL_S: the error is seen to fall. Where what a change moved is shown
-    (`View.pairs`), arrows are of that, over thin lines of what the proven causes explain.
+    One version alone is drawn over thin lines of the model before it, from which `between` moves the arrows. Where what
+    a change moved is shown (`View.pairs`), arrows are of that, over thin lines of what the proven causes explain.
 
     on_click: called with the index of the pose whose arrow or predicted point was clicked.
     """
 
     def __init__(self, scene: SceneView, on_click: Callable[[int], None]) -> None:
         self._scene, self._on_click = scene, on_click
-        self._lock = threading.Lock()  # over the nodes: the worker draws them, a thread of its own moves them
-        self._moving: object = None  # the move under way
-        self._last: _Arrows | None = None  # those of the only version drawn last
-        self._before: _Arrows | None = None  # those of the version before the one on show
+        self._last: _Arrows | None = None  # those of the only version on show
+        self._before: _Arrows | None = None  # those of the version before it
         self._nodes: tuple[viser.SceneNodeHandle, ...] = ()  # arrows and predicted points that can move
 
     def draw(self, view: View) -> None:
-        """Draw the compared versions, with an animation from the previous version's arrows if that was on show."""
-        drawn = {v.name: _arrows_of(v, view) for v in view.versions if v.name in view.compared}
-        before = view.version_before if view.version is not None and set(drawn) == {view.version.name} else None
+        """Draw the compared versions, or what a change moved."""
+        self._last, self._before, self._nodes = None, None, ()
         differences = _differences_of(view)
         if differences is not None:
-            with self._lock:
-                self._moving, self._last, self._before, self._nodes = None, None, None, ()
-                self._draw_differences(view, *differences)
+            self._draw_differences(view, *differences)
             return
-        with self._lock:
-            self._moving = None
-            last, self._last = self._last, next(iter(drawn.values())) if len(drawn) == 1 else None
-            self._before = None if before is None else _arrows_of(before, view)
-            falls = last is not None and self._before is not None and _same(last, self._before)
-            self._draw(view, drawn)
-            if falls:
-                self._place(0.0)
-        if falls:
-            self._moving = token = object()
-            threading.Thread(target=self._fall, args=(token,), name="inspector-fall", daemon=True).start()
+        drawn = {v.name: _arrows_of(v, view) for v in view.versions if v.name in view.compared}
+        self._last = next(iter(drawn.values())) if len(drawn) == 1 else None
+        if view.version is not None and view.version_before is not None and set(drawn) == {view.version.name}:
+            self._before = _arrows_of(view.version_before, view)
+        self._draw(view, drawn)
 
     def between(self, share: float) -> None:
-        """Draw arrows interpolated from the version shown before (share 0) to the version on show (share 1)."""
-        with self._lock:
-            self._moving = None
-            self._place(share)
-
-    def stop(self) -> None:
-        """End a running animation."""
-        with self._lock:
-            self._moving = None
-
-    def _fall(self, token: object) -> None:
-        for frame in range(1, FRAMES + 1):
-            time.sleep(FALL_S / FRAMES)
-            with self._lock:
-                if self._moving is not token:
-                    return
-                self._place(frame / FRAMES)
-
-    def _place(self, share: float) -> None:
+        """Draw arrows interpolated from the version before (share 0) to the version on show (share 1)."""
         now, before = self._last, self._before
         if now is None or before is None or now.tip_mm.shape != before.tip_mm.shape:
             return
@@ -218,7 +185,6 @@ class ResidualArrows:
                 node.points = to_scene(tips)
 
     def _draw(self, view: View, drawn: Mapping[str, _Arrows]) -> None:
-        self._nodes = ()
         start = np.concatenate([a.start_mm for a in drawn.values()]) if drawn else np.zeros((0, 3))
         if not len(start):
             self._scene.clear("residuals", "predicted", "before")
@@ -292,13 +258,6 @@ class ResidualArrows:
 def _above(points_mm: Array) -> Array:
     """Place (3,) of the legend over points (K, 3)."""
     return np.array([points_mm[:, 0].mean(), points_mm[:, 1].min() - ABOVE_MM, points_mm[:, 2].mean()])
-
-
-def _same(one: _Arrows, other: _Arrows) -> bool:
-    """Whether two versions have the same errors at the same points."""
-    return one.error_mm.shape == other.error_mm.shape and bool(
-        np.array_equal(one.start_mm, other.start_mm) and np.array_equal(one.error_mm, other.error_mm)
-    )
 
 
 def _thin_lines(pen: Pen, arrows: _Arrows, colour: str) -> viser.SceneNodeHandle:

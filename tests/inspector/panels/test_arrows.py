@@ -10,7 +10,7 @@ import pytest
 from calib.calibration.model_versions import LINKS, NOMINAL
 from inspector.app.app import App
 from inspector.panels.model.compare import AUTOMATIC
-from inspector.scene.residual_arrows import FALL_S, LONGEST_SHARE, drawn_as, field_mm, residual_words
+from inspector.scene.residual_arrows import LONGEST_SHARE, drawn_as, field_mm, residual_words
 from inspector.scene.scene_view import ROOT
 from tests.support.app import IDLE_S, idle
 from tests.support.wire_client import WireClient
@@ -82,7 +82,7 @@ def test_arrows_have_one_scale_and_fall_from_the_model_before(app: App, page: Wi
     assert app.state.now.arrows == scale
     version = app.state.now.version
     expected_mm = np.linalg.norm(drawn_as(version.evaluation.error_mm, app.state.now, 1e6)[0], axis=1)
-    page.wait(lambda _: np.allclose(arrow_lengths_mm(page), expected_mm, rtol=1e-3), FALL_S + 30.0)
+    page.wait(lambda _: np.allclose(arrow_lengths_mm(page), expected_mm, rtol=1e-3), 30.0)
     assert np.median(expected_mm) < np.median(nominal_mm)
     lines = 1000 * np.asarray(page.scene[f"{ROOT}/before/lines"]["props"]["points"]).reshape(-1, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1), nominal_mm, rtol=1e-3)
