@@ -2,8 +2,7 @@
 
 Every figure fits a panel about 400 pixels wide, names its axes with units and shows values on hover. It is drawn once
 for light and dark pages: its ground is transparent, its lines and marks stand out from both, and all its text has the
-colour `INK`, in place of which the page puts its own (server/client/page.css), as does a figure that stands alone
-(`results.alone.titled`).
+colour `INK`, in place of which the page puts its own (server/client/page.css).
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from inspector.figures.results.alone import titled
 _TALL_PX = 620
 
 
-def reprojection(calibration: Calibration, pose: str | None = None, *, dark: bool = False) -> go.Figure:
+def reprojection(calibration: Calibration, pose: str | None = None) -> go.Figure:
     """Figure of the corners in one image of a board, with arrows from where the fit puts them.
 
     Args:
@@ -33,4 +33,4 @@ def reprojection(calibration: Calibration, pose: str | None = None, *, dark: boo
     one = max(chosen, key=lambda view: view.rms_px)
     image = image_path(calibration.dataset, calibration.dataset.poses.index(one.view.pose))
     drawn = reprojected_corners(one.view, camera.lens.size_px, one.predicted, image)
-    return titled(drawn, f"Reprojection at {one.view.pose}: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
+    return titled(drawn, f"Reprojection at {one.view.pose}: {calibration.dataset.name}", height_px=_TALL_PX)

@@ -17,7 +17,7 @@ _STAGES = {  # of a row's errors: name and colour
 }
 
 
-def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
+def fleet_errors(fleet: Fleet) -> go.Figure:
     """Figure of the RMS error of every dataset of a fleet, mm: as delivered, links calibrated, all effects found."""
     rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
     errors = [row.train if row.test.final_mm is None else row.test for row in rows]
@@ -43,4 +43,4 @@ def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
         yaxis={"title": "3D RMSE, mm", **log_axis(min(shown), max(shown))},
         margin=(56, 14, 30, 10),
     )  # fmt: skip
-    return titled(drawn, f"Errors of {len(rows)} datasets", dark=dark)
+    return titled(drawn, f"Errors of {len(rows)} datasets")

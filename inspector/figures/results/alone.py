@@ -11,12 +11,11 @@ from calib.errors import CalibError
 from calib.html_text import escape
 from calib.progress import in_notebook
 from inspector.figures.results.still import to_svg
-from inspector.figures.style import INK, Part
-from inspector.figures.svg.file import DARK_PAPER, LIGHT_PAPER
+from inspector.figures.style import Part
+from inspector.figures.svg.file import PAPER
 
 _TITLE_PX, _ALONE_PX = 34, 420  # what a title takes; the height of a figure that gives none
 _SVG = "image/svg+xml"
-_INK_ON_DARK, _VEIL_ON_DARK = "#E8EAED", "rgba(21,25,31,0.75)"
 
 
 class ResultFigure(go.Figure):  # type: ignore[misc]
@@ -46,25 +45,18 @@ class ResultFigure(go.Figure):  # type: ignore[misc]
             return str(self.to_html(full_html=False, include_plotlyjs=True))
 
 
-def titled(fig: go.Figure, title: str, *, dark: bool, height_px: int = 0) -> ResultFigure:
-    """Figure with a title and its own background, light or dark; `height_px` without the title, 0 for the default."""
-    paper = DARK_PAPER if dark else LIGHT_PAPER
+def titled(fig: go.Figure, title: str, *, height_px: int = 0) -> ResultFigure:
+    """Figure with a title and its own background; `height_px` without the title, 0 for the default."""
     given = fig.to_dict()
     layout = given["layout"]
-    top = layout["margin"]["t"] + _TITLE_PX
     alone = {
         "title": {
             "text": escape(title), "font": {"size": 15}, "x": 0, "xref": "paper", "y": 1, "yref": "container",
             "yanchor": "top", "pad": {"t": 10},
         },
-        "paper_bgcolor": paper,
-        "plot_bgcolor": paper,
-        "font": {**layout["font"], "color": _INK_ON_DARK if dark else INK},
-        "annotations": [
-            {**note, "bgcolor": _VEIL_ON_DARK} if dark and "bgcolor" in note else note
-            for note in layout.get("annotations", ())
-        ],
-        "margin": {**layout["margin"], "t": top},
+        "paper_bgcolor": PAPER,
+        "plot_bgcolor": PAPER,
+        "margin": {**layout["margin"], "t": layout["margin"]["t"] + _TITLE_PX},
         "height": height_px + _TITLE_PX if height_px else _ALONE_PX,
     }  # fmt: skip
     return ResultFigure({"data": given["data"], "layout": {**layout, **alone}}, _validate=False)

@@ -34,7 +34,7 @@ from inspector.figures.results.alone import titled
 _TALL_PX = 620  # of figures of one scale both ways
 
 
-def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = False) -> go.Figure:
+def error_bars(calibration: Calibration, *, before: bool = False) -> go.Figure:
     """Bars of the 3D error of each pose, mm, training and test poses in their colours.
 
     Args:
@@ -46,12 +46,10 @@ def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = F
         frame["pose"].tolist(), frame["role"].tolist(), frame["error_mm"].to_numpy(), what="3D error"
     )
     model = "as delivered" if before else "after the fit"
-    return titled(drawn, f"Error at each pose {model}: {calibration.dataset.name}", dark=dark)
+    return titled(drawn, f"Error at each pose {model}: {calibration.dataset.name}")
 
 
-def residuals_over(
-    of: Calibration | Diagnosis, over: str = "q1", show: str | int = "length", *, dark: bool = False
-) -> go.Figure:
+def residuals_over(of: Calibration | Diagnosis, over: str = "q1", show: str | int = "length") -> go.Figure:
     """Figure of each pose's residual against an input, with the noise band.
 
     Args:
@@ -74,10 +72,10 @@ def residuals_over(
         x, y, errors.pose_ids, errors.is_test, x_title=x_title, y_title=y_title, band=band,
         smooth=running_median(x[train], y[train]),
     )  # fmt: skip
-    return titled(drawn, f"What is left over: {calibration.dataset.name}", dark=dark)
+    return titled(drawn, f"What is left over: {calibration.dataset.name}")
 
 
-def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark: bool = False) -> go.Figure:
+def work_space(of: Calibration | Diagnosis, *, show: str | int = "length") -> go.Figure:
     """Figure of each pose's point from above and from the side, mm in the base frame, coloured by error.
 
     `of` and `show` as of `residuals_over`.
@@ -88,7 +86,7 @@ def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark:
     drawn = residual_plots.place_views(
         errors.place_mm, values, errors.pose_ids, errors.is_test, title=title, signed=show != "length"
     )
-    return titled(drawn, f"Error over the work space: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
+    return titled(drawn, f"Error over the work space: {calibration.dataset.name}", height_px=_TALL_PX)
 
 
 def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarray, str, tuple[float, float]]:
@@ -103,7 +101,7 @@ def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarra
     return shown(errors, names[show], None, robot)
 
 
-def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
+def where_measured(dataset: Dataset) -> go.Figure:
     """Figure of the nominal arm's tool point at each pose, from above and from the side, mm in the base frame.
 
     Needs no measured points, so it may be drawn of a dataset of scans or of poses that are planned.
@@ -111,10 +109,10 @@ def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
     poses, robot = dataset.poses, dataset.robot
     place_mm = target_points(robot, poses.q)
     drawn = residual_plots.places_by_role(place_mm, poses.ids, poses.role.tolist())
-    return titled(drawn, f"Where it is measured: {dataset.name}", dark=dark, height_px=_TALL_PX)
+    return titled(drawn, f"Where it is measured: {dataset.name}", height_px=_TALL_PX)
 
 
-def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = False) -> go.Figure:
+def convergence(calibration: Calibration, *, what: str = "3D") -> go.Figure:
     """Figure of the RMS error at each iteration of the fit, mm, logarithmic; iteration 0 is the nominal robot.
 
     Args:
@@ -128,10 +126,10 @@ def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = Fals
     else:
         train, test = [s.train_distance_rmse_mm for s in steps], [s.test_distance_rmse_mm for s in steps]
     drawn = plots.convergence(train, test, what=what)
-    return titled(drawn, f"Convergence of the fit: {calibration.dataset.name}", dark=dark)
+    return titled(drawn, f"Convergence of the fit: {calibration.dataset.name}")
 
 
-def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = False) -> go.Figure:
+def redundancy_heatmap(of: Redundancy | Dataset | Calibration) -> go.Figure:
     """Heatmap of Pearson's r between the Jacobian's columns of each pair of parameters (Park 2022).
 
     Dark red or dark blue off the diagonal (r = 1, r = -1): only one of the two can be known. Grey: no influence.
@@ -147,7 +145,7 @@ def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = F
     else:
         analysis, name = of, ""
     drawn = plots.correlation_heatmap(analysis.parameters, analysis.pearson, no_influence=analysis.no_influence)
-    return titled(drawn, f"Which parameters act alike{name}", dark=dark, height_px=_TALL_PX)
+    return titled(drawn, f"Which parameters act alike{name}", height_px=_TALL_PX)
 
 
 # ---- a diagnosis: how the error fell, which effects could be missing, what was learned -------------------------------
@@ -172,7 +170,7 @@ def history_of_model(steps: Sequence[FitStep]) -> go.Figure:
     return plots.error_history(labels, train, test, level.floor_mm, noise=level.name, test_poses_mm=single)
 
 
-def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> go.Figure:
+def error_history(of: Diagnosis | Sequence[FitStep]) -> go.Figure:
     """Figure of the 3D error (RMS, mm, logarithmic) of training and test poses after each added effect.
 
     Dashed: what noise alone leaves, as the dataset declares it, as repeats show it, or as the fit left it.
@@ -183,10 +181,10 @@ def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> g
     steps = of.steps if isinstance(of, Diagnosis) else of
     last = steps[-1].calibration
     drawn = history_of_model(steps)
-    return titled(drawn, f"The error falls: {last.dataset.name}", dark=dark)
+    return titled(drawn, f"The error falls: {last.dataset.name}")
 
 
-def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Figure:
+def ranking(diagnosis: Diagnosis, *, step: int = 0) -> go.Figure:
     """Bars of the log evidence of each candidate effect before the first addition; 3 is the least for adding one.
 
     Args:
@@ -197,10 +195,10 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
     candidates = diagnosis.screenings[step].candidates
     evidence = {c.name: c.log_evidence for c in candidates}
     drawn = plots.evidence_bars(evidence, diagnosis.missing, MIN_LOG_EVIDENCE)
-    return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}", dark=dark)
+    return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}")
 
 
-def moved_by_change(intervention: Intervention, *, dark: bool = False) -> go.Figure:
+def moved_by_change(intervention: Intervention) -> go.Figure:
     """Figure of what a changed condition moved each target by, mm, against what the proven causes explain of it.
 
     Raises CalibError where no pairs were measured.
@@ -209,10 +207,10 @@ def moved_by_change(intervention: Intervention, *, dark: bool = False) -> go.Fig
     if moved is None:
         raise CalibError("no pairs were measured; give one of `Diagnosis.interventions`")
     drawn = residual_plots.moved_by_change(moved.moved_mm, moved.explained_mm, moved.names, moved.held_out)
-    return titled(drawn, f"Moved by a change of {', '.join(intervention.conditions)}", dark=dark)
+    return titled(drawn, f"Moved by a change of {', '.join(intervention.conditions)}")
 
 
-def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> go.Figure:
+def added_variable(diagnosis: Diagnosis, effect: str) -> go.Figure:
     """Figure of the residual against the part that an effect would explain, in sigmas, with the line of agreement.
 
     Both are of the link errors alone, without what geometry could have absorbed (an added-variable plot). Raises
@@ -223,10 +221,10 @@ def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> 
     drawn = residual_plots.added_variable(
         candidate.explained, screening.projected.residual, effect, screening.projected.row_poses
     )
-    return titled(drawn, f"What {effect} would explain: {diagnosis.calibration.dataset.name}", dark=dark)
+    return titled(drawn, f"What {effect} would explain: {diagnosis.calibration.dataset.name}")
 
 
-def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Figure:
+def learned_curves(of: Calibration | Diagnosis) -> go.Figure:
     """Figure of the learned curves of the joints (`smooth_joint_error`): error over input with a band of two sigmas.
 
     mrad over degrees, or the units of the input; grey where nothing was measured. Raises CalibError where the model has
@@ -239,20 +237,20 @@ def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Fig
         raise CalibError(f"dataset {calibration.dataset.name}: no curves were learned; the model is {inside}")
     drawn = curve_plots.joint_curves(curves, calibration.dataset.robot, columns=min(len(curves), 2))
     height = curve_plots.height_px(len(curves), min(len(curves), 2))
-    return titled(drawn, f"Learned curves: {calibration.dataset.name}", dark=dark, height_px=height)
+    return titled(drawn, f"Learned curves: {calibration.dataset.name}", height_px=height)
 
 
 # ---- after a fit: more poses -----------------------------------------------------------------------------------------
 
 
-def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
+def learning_curve(curve: LearningCurve) -> go.Figure:
     """Figure of the RMS error of fitted and held-out poses, mm, against the number of fitted poses.
 
     Bars: the spread over draws of the poses. Where the two lines meet, more poses help no more.
     """
-    return titled(plots.errors_by_poses(curve), f"Would more poses help: {curve.dataset.name}", dark=dark)
+    return titled(plots.errors_by_poses(curve), f"Would more poses help: {curve.dataset.name}")
 
 
-def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
+def plan_curve(plan: Plan) -> go.Figure:
     """Figure of the predicted error, mm, by number of further poses, with the number from which gains are small."""
-    return titled(plots.error_by_count(plan), f"What further poses promise: {plan.start.dataset.name}", dark=dark)
+    return titled(plots.error_by_count(plan), f"What further poses promise: {plan.start.dataset.name}")

@@ -10,15 +10,14 @@ from calib.errors import CalibError
 from inspector.figures.svg.figure import svg_of
 from inspector.figures.svg.text import label
 
-LIGHT_PAPER, DARK_PAPER = "#ffffff", "#15191f"  # behind a figure that stands alone
-_LIGHT = "--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;background:#fff"
-_DARK = "--ink:#e6e9ec;--soft:#9aa4af;--line:#39424d;background:#15191f"
+PAPER = "#ffffff"  # behind a figure that stands alone
+_COLOURS = "--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;background:#fff"
 _HEADING_PX = 30
 _IDS = "ids-of-this-picture"
 
 
 def svg_file(figure: go.Figure, width: int, height: int, *, title: str, heading: str = "") -> str:
-    """SVG file of a figure, on a light background, or a dark one where the figure has one.
+    """SVG file of a figure, on a light background.
 
     `title` is read aloud, `heading` stands over it. Raises CalibError on one that cannot be drawn so.
     """
@@ -29,7 +28,6 @@ def svg_file(figure: go.Figure, width: int, height: int, *, title: str, heading:
     # A page may hold several: each has ids and colours of its own.
     drawn = drawn.replace(_IDS, f"picture{zlib.crc32(drawn.encode()):08x}")
     inner = drawn.replace("<svg ", f'<svg y="{above}" width="{width}" height="{height - above}" ', 1)
-    dark = str(figure.layout.paper_bgcolor or "").lower() == DARK_PAPER
     style = (
         "<style>.picture text{fill:var(--ink)}.picture .faint{fill:var(--soft)}"
         ".picture .grid{stroke:var(--line);fill:none}"
@@ -38,5 +36,5 @@ def svg_file(figure: go.Figure, width: int, height: int, *, title: str, heading:
     told = label(heading, 10.0, 0.55 * above, size_px=15.0, anchor="start") if heading else ""
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="picture" viewBox="0 0 {width} {height}" '
-        f'style="{_DARK if dark else _LIGHT};font-family:sans-serif;max-width:{width}px">{style}{told}{inner}</svg>'
+        f'style="{_COLOURS};font-family:sans-serif;max-width:{width}px">{style}{told}{inner}</svg>'
     )

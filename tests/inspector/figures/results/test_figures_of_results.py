@@ -216,7 +216,6 @@ def test_a_still_picture_is_one_file_with_the_same_values(fit: Calibration) -> N
     space = "{http://www.w3.org/2000/svg}"
     assert f"Error at each pose after the fit: {fit.dataset.name}" in [t.text for t in picture.iter(f"{space}text")]
     assert "background:#fff" in text
-    assert "background:#15191f" in figures.to_svg(figures.error_bars(fit, dark=True))
     clipped = [e for e in picture.iter(f"{space}rect") if e.find(f"{space}title") is not None]
     told = [float(re.search(r"([\d.]+) mm", e.findtext(f"{space}title") or "")[1]) for e in clipped]  # type: ignore[index]
     errors = fit.after.to_frame(fit.dataset)["error_mm"]
