@@ -79,24 +79,21 @@ def _own_sigma_mm(dataset: Dataset) -> dict[str, float]:
     if points is None or points.covariance_mm2 is None:
         return {}
     sigma_mm = np.sqrt(np.linalg.eigvalsh(points.covariance_mm2)[:, -1])
-    return _worst(dataset, points.pose, sigma_mm)
+    return {dataset.poses.ids[points.pose[i]]: float(sigma_mm[i]) for i in _worst(points.pose, sigma_mm)}
 
 
 def _compared(dataset: Dataset, promised: PointPromise) -> dict[str, tuple[float, float, bool]]:
     """Error and promised sigma, mm, of each pose's worst point, and whether it is as small as promised."""
     limit = chi2_ppf(1.0 - FALSE_DOUBTS, 3)
     ratio = np.sum((promised.error_mm / promised.sigma_mm) ** 2, axis=1)
-    compared = {}
-    for pose in np.unique(promised.pose):
-        rows = np.flatnonzero(promised.pose == pose)
-        worst = rows[np.argmax(ratio[rows])]
-        error, sigma = np.linalg.norm(promised.error_mm[worst]), np.linalg.norm(promised.sigma_mm[worst])
-        compared[dataset.poses.ids[pose]] = float(error), float(sigma), bool(ratio[worst] < limit)
-    return compared
+    error, sigma = (np.linalg.norm(each, axis=1) for each in (promised.error_mm, promised.sigma_mm))
+    worst = _worst(promised.pose, ratio)
+    return {
+        dataset.poses.ids[promised.pose[i]]: (float(error[i]), float(sigma[i]), bool(ratio[i] < limit)) for i in worst
+    }
 
 
-def _worst(dataset: Dataset, pose: IndexArray, values: Array) -> dict[str, float]:
-    """Largest of the values (M,) of each pose's points, by pose id."""
-    largest = np.full(len(dataset.poses), -np.inf)
-    np.maximum.at(largest, pose, values)
-    return {dataset.poses.ids[i]: float(largest[i]) for i in np.unique(pose)}
+def _worst(pose: IndexArray, values: Array) -> IndexArray:
+    """Row of each pose's point with the largest of the values (M,)."""
+    order = np.lexsort((values, pose))
+    return order[np.diff(pose[order], append=-1) != 0]

@@ -22,10 +22,11 @@ from calib.errors import DatasetError, visible
 from calib.extras.logs.bags import is_bag, read_bag
 from calib.extras.logs.chosen_series import arm_joints, measured_points, shown
 from calib.extras.logs.clocks import ClockOffset, offset_of_single_points, possible_offsets, refined, settled_offset
+from calib.extras.logs.import_source import is_recorded
 from calib.extras.logs.means import Means, means_of
 from calib.extras.logs.series import JointSeries, PointSeries, Recording, RecordingError, recording_file
 from calib.extras.logs.standstill import LEAST_S, Standstill, approach_of, settled, standstill_of
-from calib.extras.logs.table_logs import has_time, is_always_log, is_log, read_table_log
+from calib.extras.logs.table_logs import has_time, is_log, read_table_log
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
@@ -52,7 +53,7 @@ def is_recording(path: Path | None, mapping: Mapping[str, Meaning]) -> bool:
         return False
     file, _ = recording_file(path)
     with suppress(DatasetError, OSError):
-        return is_bag(file) or is_always_log(file) or (table_file(file)[0].is_file() and is_log(file, mapping))
+        return is_recorded(file) or (table_file(file)[0].is_file() and is_log(file, mapping))
     return False
 
 
@@ -103,7 +104,7 @@ def _read(file: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> Recording
 
 def _has_time(path: Path) -> bool:
     with suppress(DatasetError, OSError):
-        return is_bag(path) or is_always_log(path) or has_time(path)
+        return is_recorded(path) or has_time(path)
     return False
 
 
@@ -126,7 +127,7 @@ def _standstill(file: Path, series: JointSeries) -> Standstill:
     try:
         return standstill_of(str(file), series.time_s, series.values)
     except RecordingError as error:
-        if is_bag(file) or is_always_log(file):
+        if is_recorded(file):
             raise
         raise RecordingError(
             f"{error}; where its rows are poses, say so by --map with its column of time =ignore"

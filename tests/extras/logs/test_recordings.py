@@ -121,10 +121,6 @@ def tf(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
     return "tf2_msgs/msg/TFMessage", store.types["tf2_msgs/msg/TFMessage"](frames)
 
 
-def single_marker(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
-    return "visualization_msgs/msg/Marker", marker(store, t, p, 3)
-
-
 def markers(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
     """The moving marker and one on the wall."""
     both = [marker(store, t, np.array([3.0, 2.0, 1.0]) + 1e-4 * (p % 0.1), 1), marker(store, t, p, 3)]
@@ -273,27 +269,20 @@ def two_csvs(
     return write
 
 
-def one_csv(
-    names: Sequence[str], columns: Callable[[Run], tuple[list[np.ndarray], list[np.ndarray]]], separator: str = ","
-) -> Callable[[Run, Path], list[str]]:
-    def write(run: Run, folder: Path) -> list[str]:
-        path = write_csv(folder / "log.csv", names, together(run, *columns(run)), separator)
-        return ["--joints", str(path)]
-
-    return write
+def ros2_control(run: Run, folder: Path) -> list[str]:
+    names = ["__time", *(f"/joint_states/{what}[{k}]" for what in ("position", "velocity") for k in range(6))]
+    names += [f"/vrpn/tool_marker/pose/position/{axis}" for axis in "xyz"]
+    columns = [run.joint_s, *run.q.T, *np.gradient(run.q, axis=0).T]
+    rows = together(run, columns, list(run.xyz_mm.T / 1000.0))
+    return ["--joints", str(write_csv(folder / "log.csv", names, rows, "\t"))]
 
 
-RTDE = [*(f"target_q_{k}" for k in range(6)), *(f"actual_q_{k}" for k in range(6)),
-        *(f"actual_qd_{k}" for k in range(6)),
-        *(f"actual_current_{k}" for k in range(6)), *(f"joint_temperatures_{k}" for k in range(6)),
-        *(f"actual_TCP_pose_{k}" for k in range(6)), "runtime_state", "robot_mode"]  # fmt: skip
+RTDE = ("target_q", "actual_q", "joint_temperatures", "actual_TCP_pose")
 
 
 def rtde_columns(run: Run) -> list[np.ndarray]:
-    n = len(run.q)
-    return [run.joint_s - run.joint_s[0] + 4321.0, *(run.q + 1e-5).T, *run.q.T, *np.gradient(run.q, axis=0).T,
-            *(0.1 * run.effort_nm).T,
-            *np.full((6, n), 31.5), *np.zeros((6, n)), np.ones(n), np.full(n, 7)]  # fmt: skip
+    others = np.full((6, len(run.q)), 31.5), np.zeros((6, len(run.q)))
+    return [run.joint_s - run.joint_s[0] + 4321.0, *(run.q + 1e-5).T, *run.q.T, *others[0], *others[1]]
 
 
 def plotjuggler(run: Run, folder: Path) -> list[str]:
@@ -461,22 +450,14 @@ FORMS: dict[str, Callable[[Run, Path], list[str]]] = {
     "ROS 1 bag, detections of tags": ros1_bag(detections),
     "rosbag2 sqlite3, TransformStamped": ros2_bag(stamped_transform, "sqlite3"),
     "rosbag2 sqlite3, tf": ros2_bag(tf, "sqlite3"),
-    "rosbag2 mcap, Marker": ros2_bag(single_marker, "mcap"),
     "rosbag2 mcap, MarkerArray": ros2_bag(markers, "mcap"),
     "rosbag2 sqlite3, detections of tags": ros2_bag(detections, "sqlite3"),
     "lone db3, PointStamped": ros2_bag(stamped_point, "sqlite3", lone=True),
-    "lone mcap, PoseStamped": ros2_bag(stamped_pose, "mcap", lone=True),
     "mcap by mcap-ros2-support": mcap_of_ros2,
     "joint states in degrees": lambda run, folder: mcap_of_ros2(replace(run, q=np.degrees(run.q)), folder),
     "RTDE and a tracker, clocks of their own": two_csvs(
-        ["timestamp", *RTDE], rtde_columns, ["time", "x_mm", "y_mm", "z_mm"], lambda run: [run.point_s, *run.xyz_mm.T]
-    ),
-    "RTDE, separated by blanks": two_csvs(
-        ["timestamp", *RTDE], rtde_columns,
-        ["time", "x_mm", "y_mm", "z_mm"], lambda run: [run.point_s, *run.xyz_mm.T], " ",
-    ),
-    "RTDE with the tracker's columns": one_csv(
-        ["timestamp", *RTDE, "tracker_x", "tracker_y", "tracker_z"], lambda run: (rtde_columns(run), MM(run))
+        ["timestamp", *(f"{name}_{k}" for name in RTDE for k in range(6))], rtde_columns,
+        ["time", "x_mm", "y_mm", "z_mm"], lambda run: [run.point_s, *run.xyz_mm.T],
     ),
     "a German controller, ms, decimal commas": two_csvs(
         ["Zeit [ms]", *(f"A{k} [deg]" for k in range(1, 7))],
@@ -485,12 +466,7 @@ FORMS: dict[str, Callable[[Run, Path], list[str]]] = {
     ),
     "PlotJuggler": plotjuggler,
     "rostopic echo -p": rostopic_echo,
-    "ros2_control in columns": one_csv(
-        ["__time", *(f"/joint_states/position[{k}]" for k in range(6)),
-         *(f"/joint_states/velocity[{k}]" for k in range(6)),
-         "/vrpn/tool_marker/pose/position/x", "/vrpn/tool_marker/pose/position/y", "/vrpn/tool_marker/pose/position/z"],
-        lambda run: ([run.joint_s, *run.q.T, *np.gradient(run.q, axis=0).T], list(run.xyz_mm.T / 1000.0)), "\t",
-    ),
+    "ros2_control in columns": ros2_control,
     "JSON records": json_records,
     "JSON lines": json_lines,
     "LeRobot": lerobot,
