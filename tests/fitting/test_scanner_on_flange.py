@@ -102,7 +102,7 @@ def test_the_tool_and_the_last_row_do_not_show() -> None:
     assert "a scanner on the flange does not see the tool" in plain(tool_sentence(tool_rows(dataset)))
     unknown = free_frame_rank(dataset)
     assert unknown.here == unknown.best["position"]
-    assert "With the scanner's place on the flange unknown, positions tell" in free_frame_sentence(unknown)
+    assert "With the scanner's place on the flange unknown, positions determine" in free_frame_sentence(unknown)
 
 
 @pytest.mark.parametrize("kind", ["distance", "pairs"])

@@ -107,7 +107,7 @@ def test_few_poses_tell_less_than_an_arm_could() -> None:
     unknown = free_frame_rank(dataset)
     assert unknown.here == 3 * 6 - 6
     assert unknown.best["position"] == 19
-    assert "positions tell 12 at these poses, and 19 at best" in free_frame_sentence(unknown)
+    assert "positions determine 12 parameters at these poses, and 19 at best" in free_frame_sentence(unknown)
 
 
 def test_each_placement_of_the_scanner_is_unknown_by_itself() -> None:
@@ -124,13 +124,13 @@ def test_each_placement_of_the_scanner_is_unknown_by_itself() -> None:
             "position",
             "positions of the tool point in the base frame, as if the scanner's place were known",
             "the measured point",
-            "as `calibrate` has it, positions tell",
+            "as `calibrate` has it, positions determine",
         ),
         (
             "pose",
             "full poses, place and attitude of a jig in an unknown orientation on the tool, in the base frame, as if",
             "the full pose, apart from the jig's unknown orientation",
-            "as `calibrate --residual pose` has it, full poses tell",
+            "as `calibrate --residual pose` has it, full poses determine",
         ),
         ("distance", "distances to the reference pose, which need no scanner's place", "the distances", ""),
         (

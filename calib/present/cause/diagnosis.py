@@ -365,7 +365,8 @@ def confounded(found: ConfoundedSet, confirm: dict[str, str]) -> Words:
     if found.untested:
         sentences.append(
             spans(
-                "These data lack what would tell ", with_key(found.effect), " from ", effects(found.untested),
+                "These data lack what would discriminate between ", with_key(found.effect), " and ",
+                effects(found.untested),
                 "; it is fitted on behalf of all of them, and none is claimed. To settle it, ", found.would_help, ".",
             )
         )  # fmt: skip

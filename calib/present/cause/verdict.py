@@ -70,7 +70,7 @@ def _adequate(diagnosis: Diagnosis) -> Words:
     left = worst_pose(diagnosis.calibration)
     at_most = () if left is None else spans(": the largest error is ", _at_pose(left))
     names = numbers.in_short(untestable_names(diagnosis.untestable), _SHOWN_UNTESTABLE)
-    covers = f", as far as these data can tell ({names}: not testable)" if names else ""
+    covers = f", as far as these data can test ({names}: not testable)" if names else ""
     found = f"Nothing in the catalogue is missing beyond noise{covers}"
     if not diagnosis.candidates:
         found = "These data can test none of the catalogue's effects; what is left is no more than noise"

@@ -112,7 +112,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
         ("fit", f"{'converged' if fit.converged else 'not converged'} after {_iterations(calibration)}: {fit.reason}"),
     ]
     if calibration.holds_table:
-        facts.append(("links", "as robot.toml has them, as far as these points tell: they are held there"))
+        facts.append(("links", "held as robot.toml has them; these points do not contradict it"))
     if np.isfinite(calibration.sigma_mm):
         times = f", {numbers.times(fit.reduced_chi)} the declared" if calibration.dataset.declares_noise else ""
         facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
@@ -209,7 +209,7 @@ def _open_directions(shifts: Array) -> str:
     if len(shifts) >= 3:
         return (
             "the flange hardly turns, so the targets' positions in the world and the scanner's on the flange are "
-            "known only together; poses that turn the flange about two axes tell them apart"
+            "known only together; poses that turn the flange about two axes separate them"
         )
     if len(shifts) == 1:
         along = shifts[0] * np.sign(shifts[0][np.argmax(np.abs(shifts[0]))])
@@ -220,7 +220,7 @@ def _open_directions(shifts: Array) -> str:
         )
     return (
         "the poses leave two directions open, along which the positions of targets and scanner are known only "
-        "together; turn the flange about two axes to tell them apart"
+        "together; turn the flange about two axes to separate them"
     )
 
 
@@ -256,7 +256,7 @@ def tool_shift_sentence(shift: ToolShift) -> str:
     return (
         f"the tool point is {shift.off_mm:.1f} mm from where robot.toml has it (in the last joint's frame: "
         f"x {x}, y {y}, z {z} mm; from the tip: {from_tip} mm); it is a point of its own, and the tip stays where "
-        "robot.toml has it: the measured points tell neither its place nor its attitude"
+        "robot.toml has it: the measured points determine neither its place nor its attitude"
     )
 
 
@@ -268,7 +268,7 @@ def tool_mass_question(calibration: Calibration) -> list[str]:
     if shift is None or shift.off_mm < HEAVY_FROM_MM or told or not has_masses(robot):
         return []
     return [
-        "what reaches so far weighs something, and no file tells how much: give its mass, mass_kg under [tool] of "
+        "a tool that reaches so far has a mass, which no file gives: set it as mass_kg under [tool] of "
         "robot.toml or payload_kg in poses.csv; until then a compliance is at most what was fitted"
     ]
 

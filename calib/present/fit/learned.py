@@ -48,7 +48,7 @@ BAND_NOTE = (
     "Each joint's learned error over its input. Band: two sigmas by the fit's covariance, the prior in it; grey: not "
     "measured. What geometry can do too is shared between the two, so only the shape beyond that is sure."
 )
-_KNOWN_NOTE = "Known: how many of a curve's modes these data tell by themselves."
+_KNOWN_NOTE = "Known: how many of a curve's modes these data determine by themselves."
 _FEW_WAVES = 20  # a turn, from rollers of a bearing to teeth of a gear
 _PARTS = {
     laws.LOAD: "a spring or gear that is stiffer on one part of its load than on the other makes it",

@@ -86,22 +86,20 @@ def free_frame_sentence(unknown: FreeFrameRank) -> str:
     """Sentence on the number of identifiable parameters with an unknown scanner frame, at these poses and at best."""
     best, residual = unknown.best[unknown.residual], unknown.residual
     kinds = "full poses" if residual == "pose" else "positions"
+    here = f"determine {unknown.here} parameters at these poses, and {best} at best (this arm at generic poses)"
     if unknown.on_flange:
         return (
-            f"With the scanner's place on the flange unknown, {kinds} tell {unknown.here} at these poses, and {best} "
-            "at best (this arm at generic poses), the targets' places in the room among them. What moves the flange "
-            "alone, or the base together with the targets, cannot be told: errors of the last row of the arm and of "
-            "the tool are taken up by the scanner's place, those at the base by the targets'."
+            f"With the scanner's place on the flange unknown, {kinds} {here}, the targets' places in the room among "
+            "them. What moves the flange alone, or the base together with the targets, cannot be separated: errors of "
+            "the last row of the arm and of the tool are taken up by the scanner's place, those at the base by the "
+            "targets'."
         )
     if residual in ("position", "pose"):
         option = " --residual pose" if residual == "pose" else ""
-        return (
-            f"With the scanner's place unknown, as `calibrate{option}` has it, {kinds} tell {unknown.here} at these "
-            f"poses, and {best} at best (this arm at generic poses)."
-        )
+        return f"With the scanner's place unknown, as `calibrate{option}` has it, {kinds} {here}."
     return (
-        f"At best, this arm at generic poses, such distances tell {best}; positions from an unknown scanner's place "
-        f"{unknown.best['position']}, full poses {unknown.best['pose']}."
+        f"At best, this arm at generic poses, such distances determine {best} parameters; positions from an unknown "
+        f"scanner's place {unknown.best['position']}, full poses {unknown.best['pose']}."
     )
 
 

@@ -140,7 +140,7 @@ def _more_poses(curve: LearningCurve) -> tuple[str, str]:
     if excess:
         return f"{words}; {missing}", DOUBT
     if sigma.verdict == "unknown":
-        unknown = "without a declared sigma the curve cannot tell whether noise or missing physics is left"
+        unknown = "without a declared sigma the curve does not show whether noise or missing physics is left"
         return f"{words}; {unknown}", DOUBT
     return f"{words}, and none are needed: the residual shows nothing but the declared noise", GOOD
 

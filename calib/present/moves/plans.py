@@ -206,11 +206,13 @@ def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
         share = numbers.share(outcome.enough_power)
         lines.append(f"{outcome.enough} poses of this kind would discriminate in {share} of such cases")
     if outcome.payload_kg is not None:
-        lines.append(f"a known payload at some of the poses tells more (--payload-kg {outcome.payload_kg:g} or above)")
+        lines.append(
+            f"a known payload at some of the poses discriminates better (--payload-kg {outcome.payload_kg:g} or above)"
+        )
     lines += [f"what shows {name} alone: {text}" for name, text in outcome.confirm]
     if outcome.untested:
         would = f"; {outcome.would_help}" if outcome.would_help else ""
-        lines.append(f"no pose tells of {numbers.listing(outcome.untested)}, which these data cannot test{would}")
+        lines.append(f"no pose discriminates {numbers.listing(outcome.untested)}, which these data cannot test{would}")
     return lines
 
 

@@ -43,7 +43,7 @@ BELOW = (
 )
 MOST_NAMED = 4  # poses on a button
 SETTLE = "Plan the poses that settle it"
-MORE = "Plan poses that tell more of the link errors"
+MORE = "Plan poses that determine the link errors better"
 
 
 def named(screening: Screening, name: str) -> Candidate | None:
