@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,11 +17,14 @@ from calib.fitting.observations import Observations, predict_poses, with_nominal
 from calib.fitting.pose_residuals import Nuisance, PoseResiduals
 from calib.fitting.scanner_frame import orthonormal
 from calib.fitting.table_evidence import TIP
+from calib.kinematics.cartesian import joints_of_poses
+from calib.kinematics.chain import nominal_chain
 from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import Robot
 
 _UNKNOWN = 0.5  # of a parameter's prior variance: what keeps more is not known from the points
-_STEP = 1e-4  # mm or rad
+_STEP = 1e-2  # of the tolerances
+_VARIED = 0.5  # of the tolerances, by which links change with a standard deviation of each coordinate of the flange
 _LEAST_SHARE = 0.05  # of the tolerances, to which what the points do not tell of the links is known at best
 
 
@@ -165,8 +169,7 @@ def _held_arm(
 ) -> tuple[Array, float]:
     """Errors (6 S + 3, K) of frames by those of an arm that is held, one sigma of each, and the noise beside them.
 
-    All poses share the errors of links, within the tolerances; of an arm of which only the flange's poses are known,
-    each axis errs by a constant and a linear function of all. Their sizes, of lengths and of angles, are by which the
+    All poses share the errors of links, within the tolerances. Their sizes, of lengths and of angles, are by which the
     residual is larger in the directions that they move it in than in others.
     """
     columns, is_length = _arm_columns(calibration, observed, residuals, nuisance)
@@ -204,16 +207,14 @@ def _arm_columns(
     model, x = calibration.model, calibration.fit.x
     robot = model.robot
     if robot.is_cartesian:
-        q, turns = observed.poses.q, robot.is_revolute
-        varied = np.column_stack([np.ones(len(q)), (q - q.mean(axis=0)) / np.maximum(q.std(axis=0), 1e-12)])
+        flange = nominal_chain(robot, observed.poses.q).base_T_flange
         columns = []
-        for joint in range(robot.n_joints):
-            poses = replace(observed.poses, q=q + _STEP * (np.arange(robot.n_joints) == joint))
-            there = predict_poses(model, x, replace(observed, poses=poses))
+        for turn, along in _errors_of_links(flange):
+            q = joints_of_poses(_moved(flange, _STEP * turn, _STEP * along))
+            there = predict_poses(model, x, replace(observed, poses=replace(observed.poses, q=q)))
             change = (residuals.errors(nuisance.placed, *there) - nuisance.error) / _STEP
-            each = change[:, :, None] * varied[observed.points.pose][:, None, :]
-            columns.append(residuals.whitened(each) * (TOLERANCE_RAD if turns[joint] else TOLERANCE_MM))
-        return np.concatenate(columns, axis=1), np.repeat(~turns, robot.n_joints + 1)
+            columns.append(residuals.whitened(change[:, :, None])[:, 0])
+        return np.column_stack(columns), np.arange(len(columns)) % 2 == 1
     names = [name for name in robot.parameter_names if not name.endswith(TIP)]
     free = replace(model, fixed=model.fixed - set(names))
     value = dict(zip((p.name for p in model.parameters), x.tolist(), strict=True))
@@ -222,6 +223,34 @@ def _arm_columns(
     rows = [k for k, p in enumerate(free.parameters) if p.name in set(names)]
     units = np.array([free.parameters[k].unit == "mm" for k in rows])
     return by_all[:, rows] * free.scales[rows], units
+
+
+def _errors_of_links(base_T_flange: Array) -> Iterator[tuple[Array, Array]]:
+    """Turn (N, 3), rad, and shift (N, 3), mm, of N poses of a flange by the links of an arm that is not known.
+
+    The first link errs by a constant turn, or shift, in the base, the last by one in the flange, each of a tolerance;
+    those between by turns and shifts that change linearly with the pose. Turns and shifts follow one another.
+    """
+    rotation, place = base_T_flange[:, :3, :3], base_T_flange[:, :3, 3]
+    way = frames.rotvec_from_rotation(rotation @ frames.mean_rotation(rotation).T)
+    pose = np.concatenate([place, way], axis=1)
+    varied = _VARIED * (pose - pose.mean(axis=0)) / np.maximum(pose.std(axis=0), 1e-12)
+    fixed, always = np.broadcast_to(np.eye(3), rotation.shape), np.ones(len(place))
+    links = [
+        (fixed, place, always),
+        (rotation, 0.0 * place, always),
+        *((fixed, 0.0 * place, part) for part in varied.T),
+    ]
+    for axes, lever_mm, size in links:
+        for axis in np.moveaxis(size[:, None, None] * axes, 2, 0):
+            yield TOLERANCE_RAD * axis, TOLERANCE_RAD * np.cross(axis, lever_mm)
+            yield 0.0 * axis, TOLERANCE_MM * axis
+
+
+def _moved(base_T_flange: Array, turn: Array, shift_mm: Array) -> Array:
+    """Poses (N, 4, 4) after small turns (N, 3), rad, and shifts (N, 3), mm."""
+    rotation = frames.rotation_from_rotvec(turn) @ base_T_flange[:, :3, :3]
+    return frames.make_transform(rotation, base_T_flange[:, :3, 3] + shift_mm)
 
 
 def _to_mount(parent_T_camera: Array, centre_mm: Array) -> Array:

@@ -415,8 +415,9 @@ class Dataset(Presented):
     @property
     def declares_noise(self) -> bool:
         """Whether the noise of the points is declared, by dataset.toml or by covariances of the points."""
-        declared = self.scanner.point_sigma_mm is not None and not self.scanner.sigmas_estimated
-        return declared or (self.points is not None and self.points.covariance_mm2 is not None)
+        declared = self.scanner.point_sigma_mm is not None
+        own = self.points is not None and self.points.covariance_mm2 is not None
+        return (declared or own) and not self.scanner.sigmas_estimated
 
     def with_points(self, points: Points) -> Dataset:
         """The dataset with these measured points, except those of poses that are left out."""

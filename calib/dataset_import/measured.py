@@ -21,6 +21,10 @@ class MeasuredPoses(Protocol):
     def notes(self) -> tuple[str, ...]:
         """What was found and left out."""
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What to check before the dataset is used."""
+
     def settled(self, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]) -> Self:
         """The same with what the arm tells of it, by its N poses' ids and joints q (N, n), rad and mm, and more notes.
 

@@ -458,6 +458,7 @@ class _Planning:
             try:
                 by_plugin = by_plugin.settled(report.robot, self.ids, q, setups)
                 report.notes += by_plugin.notes[len(_measured_notes(sources)) :]
+                report.doubts += by_plugin.doubts
             except CalibError as error:
                 report.fault(str(error))
                 return self.plan()

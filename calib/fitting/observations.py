@@ -62,13 +62,9 @@ class Observations(Brief):
                 f"dataset {dataset.name}: the point of pose {pose!r} is not finite; leave it out or measure it again"
             )
         covariance = points.covariance_mm2
-        floor = 1.0
+        sigma_mm = dataset.scanner.point_sigma_mm or UNDECLARED_SIGMA_MM
+        floor = 1.0 if dataset.declares_noise else min(BEST_SIGMA_MM / sigma_mm, 1.0)
         if covariance is None:
-            sigma_mm = dataset.scanner.point_sigma_mm
-            if sigma_mm is None:
-                sigma_mm = UNDECLARED_SIGMA_MM
-            if dataset.scanner.point_sigma_mm is None or dataset.scanner.sigmas_estimated:
-                floor = min(BEST_SIGMA_MM / sigma_mm, 1.0)
             covariance = np.broadcast_to(sigma_mm**2 * np.eye(3), (len(points), 3, 3))
         turns = None if points.orientations is None else points.orientations.covariance_rad2
         if turns is None and dataset.scanner.orientation_sigma_rad is not None:

@@ -19,7 +19,7 @@ from calib.statistics import rms_length
 
 _OF, _TRIES = 4, 150  # poses of a first fit; fits
 MOST = 0.6  # of the poses, whose errors decide
-_QUANTILE = 1.716  # sigmas of an axis, within which that share of the lengths of three normal numbers lies
+_FEWEST_DECIDE = 6  # poses, of which a fit to four says something
 _ROUNDS = 6
 _LEAST_MM, _LEAST_RAD = 1e-3, 1e-5
 _OPEN = 1e-6  # share of the largest singular value, below which the poses do not determine a motion
@@ -55,7 +55,11 @@ class BoardHandEye:
     @property
     def misfit_mm(self) -> float:
         """Errors of place, with the best scale, and of attitude as one number, by which mounts compare."""
-        return float(np.sqrt(self.scaled_mm * self.rms_rad * _MM_PER_RADIAN))
+        return _as_one(self.scaled_mm, self.rms_rad)
+
+    def misfit_of_most(self, most: float) -> float:
+        """Errors of place and attitude of most poses as one number, mm."""
+        return _as_one(*_sigmas(self.error_mm, self.error_rad, most=most))
 
     def predicted(self, base_T_flange: Array) -> Array:
         """Poses (N, 4, 4) of the board in the camera's frame, by poses of the flange."""
@@ -114,8 +118,11 @@ def board_hand_eye(base_T_flange: Array, camera_T_board: Array, *, on_flange: bo
 
 def misfit_mm(base_T_flange: Array, camera_T_board: Array, *, on_flange: bool, most: float = MOST) -> float:
     """Errors of place and attitude of most of M poses as one number, by which ways of reading the data compare."""
-    sigma_mm, sigma_rad = _start(base_T_flange, camera_T_board, on_flange, most)[1]
-    return float(np.sqrt(sigma_mm * sigma_rad * _MM_PER_RADIAN))
+    return _as_one(*_start(base_T_flange, camera_T_board, on_flange, most)[1])
+
+
+def _as_one(off_mm: float, off_rad: float) -> float:
+    return float(np.sqrt(off_mm * off_rad * _MM_PER_RADIAN))
 
 
 def _transform(motion: Array) -> Array:
@@ -136,7 +143,12 @@ def _errors(predicted: Array, measured: Array) -> tuple[Array, Array]:
 
 def _sigmas(*errors: Array, most: float = MOST) -> Array:
     """Sigmas (2, ...) of an axis of errors (..., M, 3), mm and rad, by the share that most of them are."""
-    middle = [np.quantile(np.linalg.norm(error, axis=-1), most, axis=-1) / _QUANTILE for error in errors]
+    from scipy.special import gammaincinv  # slow to load
+
+    count = errors[0].shape[-2]
+    most = max(most, min(1.0, _FEWEST_DECIDE / count))
+    usual = np.sqrt(2.0 * gammaincinv(1.5, min(most, 1.0 - 0.5 / count)))  # of the length of three normal numbers
+    middle = [np.quantile(np.linalg.norm(error, axis=-1), most, axis=-1) / usual for error in errors]
     return np.stack([np.maximum(middle[0], _LEAST_MM), np.maximum(middle[1], _LEAST_RAD)])
 
 

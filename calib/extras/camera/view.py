@@ -59,7 +59,7 @@ class ViewPose:
     @property
     def by_lens(self) -> Array:
         """By which shift and turn move with the lens's numbers, (6, 12)."""
-        return -np.linalg.solve(self.information, self.pixels_by_pose.T @ self.pixels_by_lens)
+        return np.asarray(-np.linalg.solve(self.information, self.pixels_by_pose.T @ self.pixels_by_lens))
 
     @property
     def squares(self) -> float:

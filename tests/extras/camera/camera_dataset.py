@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.dataset import Dataset, Poses, Scanner
 from calib.dataset.files.robot_toml import load_robot_toml
 from calib.extras.camera.board import Board
 from calib.extras.camera.detection import Detected, MeasuredViews, measure
@@ -16,6 +17,7 @@ from calib.extras.camera.importing.camera_views import CameraPoints
 from calib.extras.camera.lens import Lens
 from calib.extras.camera.observed import CameraViews
 from calib.extras.camera.view import View, covariance_of, shared_errors
+from calib.kinematics.cartesian import cartesian_arm, joints_of_poses
 from tests.support.camera_scene import DISTORTION, MATRIX, ROBOT_FILE, SIZE_PX, Scene
 
 
@@ -93,3 +95,20 @@ def simulated_dataset(
     role = np.array(["reference", *["train"] * (count - 1)])
     poses = Poses(scene.names, role, scene.q, np.full(count, ""), scene.names)
     return Dataset("simulated", robot, poses, points.points(scene.names), attachments={"camera": views})
+
+
+def flange_poses_dataset(scene: Scene, rng: np.random.Generator, *, sigma_mm: float, sigma_deg: float) -> Dataset:
+    """Dataset of a marker's poses and of the flange's, in place of joints, as the import settles them."""
+    seen = scene.camera_T_board.copy()
+    seen[:, :3, 3] += sigma_mm * rng.normal(size=(len(seen), 3))
+    seen[:, :3, :3] = (
+        Rotation.from_rotvec(np.radians(sigma_deg) * rng.normal(size=(len(seen), 3))).as_matrix() @ (seen[:, :3, :3])
+    )
+    robot, q = cartesian_arm("flange"), joints_of_poses(scene.flanges())
+    given = CameraPoints(scene.names, seen, None, None, None, "flange" if scene.on_flange else "room")
+    points = given.settled(robot, scene.names, q, ())
+    role = np.array(["reference", *["train"] * (len(q) - 1)])
+    poses = Poses(scene.names, role, q, np.full(len(q), ""), scene.names)
+    scanner = Scanner(point_sigma_mm=points.point_sigma_mm, sigmas_estimated=True)
+    robot = replace(robot, carries_scanner=scene.on_flange)
+    return Dataset("simulated", robot, poses, points.points(scene.names), scanner=scanner)

@@ -37,9 +37,11 @@ def cell(request) -> tuple[Scene, np.ndarray, np.random.Generator]:
     return scene, noisy(scene.camera_T_board, rng), rng
 
 
-def settled(scene: Scene, q: np.ndarray, seen: np.ndarray, setups: tuple[str, ...] = ()) -> CameraPoints:
+def settled(
+    scene: Scene, q: np.ndarray, seen: np.ndarray, setups: tuple[str, ...] = (), mount: str | None = None
+) -> CameraPoints:
     """The board's poses as the import settles them."""
-    given = CameraPoints(scene.names, seen, None, None, None, None)
+    given = CameraPoints(scene.names, seen, None, None, None, mount)
     return given.settled(load_robot_toml(Path(ROBOT_FILE)), scene.names, q, setups)
 
 
@@ -71,6 +73,39 @@ def test_a_third_of_bad_rows_is_named_and_claims_no_size(cell):
 def test_no_row_of_a_sound_cell_is_left_out(cell):
     scene, seen, _ = cell
     assert settled(scene, scene.q, seen).names == scene.names
+
+
+def test_a_marker_of_a_slightly_other_size_is_doubted_and_bad_rows_doubt_none():
+    rng = np.random.default_rng(6)
+    scene = Scene.draw(rng, on_flange=False, poses=POSES, link_mm=0.5, link_deg=0.1)
+    seen = noisy(scene.camera_T_board, rng)
+    larger = seen.copy()
+    larger[:, :3, 3] *= 1.03
+    (doubt,) = settled(scene, scene.q, larger).doubts
+    assert float(doubt.split("lengths ")[1].split()[0]) == pytest.approx(1 / 1.03, rel=0.005)
+    seen[::3] = larger[::3]
+    assert settled(scene, scene.q, seen).doubts == ()
+
+
+def test_a_wrong_mount_is_told_as_that(cell):
+    scene, seen, _ = cell
+    right, wrong = ("flange", "room") if scene.on_flange else ("room", "flange")
+    assert settled(scene, scene.q, seen, mount=right).mount == right
+    with pytest.raises(CalibError, match=f"--mount {wrong}: .*; give --mount {right}"):
+        settled(scene, scene.q, seen, mount=wrong)
+
+
+def test_distances_that_are_seen_badly_weigh_less_and_are_told_as_no_move():
+    """Of a camera that errs by 12 mm along its sight: "board or camera was moved between ..."."""
+    rng = np.random.default_rng(8)
+    scene = Scene.draw(rng, on_flange=True, poses=POSES)
+    seen = noisy(scene.camera_T_board, rng)
+    seen[:, :3, 3] *= 1.0 + 0.03 * rng.normal(size=(POSES, 1))
+    found = settled(scene, scene.q, seen)
+    sight = seen[:, :3, 3] / np.linalg.norm(seen[:, :3, 3], axis=1, keepdims=True)
+    along_mm = np.sqrt(np.einsum("mi,mij,mj->m", sight, found.covariance[:, :3, :3], sight))
+    assert along_mm == pytest.approx(12.0, rel=0.4)
+    assert found.point_sigma_mm < 0.7 * along_mm.mean()
 
 
 def test_each_placement_of_the_camera_is_judged_by_itself():

@@ -26,7 +26,7 @@ _CLEAR = 3.0  # ratio of misfits from which a mistake explains them
 _CLEAR_MOVE = 2.0  # the same of a move, after which few poses are left for each part
 _AS_GOOD = 1.3  # ratio of misfits up to which a simpler mistake explains them as well
 _LEAST_SHARE = 0.65  # of the rows, which have to agree
-_MOST_DEG, _MOST_SHARE = 8.0, 0.1  # errors that no arm has: of attitudes; of places, a share of the flange's spread
+_MOST_DEG, _MOST_SHARE = 8.0, 0.2  # errors that no arm has: of attitudes; of places, a share of the flange's spread
 _MATCHINGS = 4
 _NEARLY_ALL = 0.9  # of the poses before and after a move
 _LATE = 3  # rows at an end that hint at a move
@@ -60,13 +60,16 @@ def fits_of(dataset: Dataset, *, on_flange: bool) -> list[BoardHandEye]:
     return [board_hand_eye(flange[rows], seen[rows], on_flange=on_flange) for rows in of_setups(dataset)]
 
 
-def require_no_mistake(dataset: Dataset, fits: Sequence[BoardHandEye], names: Sequence[str]) -> None:
+def require_no_mistake(
+    dataset: Dataset, fits: Sequence[BoardHandEye], best: Sequence[BoardHandEye], names: Sequence[str]
+) -> None:
     """Raise CalibError where a mistake in the data explains what hand-eye calibrations leave.
 
+    best: those of the mount that leaves least, which a mistake with another mount has to beat as well.
     names: of the files, which the error tells.
     """
     on_flange, count = fits[0].on_flange, sum(len(fit.good) for fit in fits)
-    now_mm = _misfit_mm(dataset, on_flange)
+    now_mm = min(_misfit_mm(dataset, each[0].on_flange) for each in (fits, best))
     share = sum(int(fit.good.sum()) for fit in fits) / count
     if now_mm < _QUIET_MM and share > _QUIET_SHARE:
         return
@@ -75,18 +78,12 @@ def require_no_mistake(dataset: Dataset, fits: Sequence[BoardHandEye], names: Se
     best_mm = min(found.values(), default=np.inf)
     if best_mm < now_mm / _CLEAR:
         likely = simplest_of([one for one, off_mm in found.items() if off_mm < _AS_GOOD * best_mm])
-        best = min(likely, key=lambda one: found[one])
+        told = min(likely, key=lambda one: found[one])
         raise CalibError(
-            f"{where}: {best.mistake}; {best.change} arm and board disagree {now_mm / found[best]:.0f} times less; "
-            f"{best.remedy}"
+            f"{where}: {told.mistake}; {told.change} arm and board disagree {now_mm / found[told]:.0f} times less; "
+            f"{told.remedy}"
         )
-    now_mm = _misfit_mm(dataset, on_flange, _NEARLY_ALL)
-    moved_mm, last, first = _moved(dataset, on_flange)
-    if moved_mm < now_mm / _CLEAR_MOVE:
-        raise CalibError(
-            f"{where}: board or camera was moved between poses {last} and {first}: taken apart there, arm and board "
-            f"disagree {now_mm / moved_mm:.1f} times less; import the poses before and after it apart"
-        )
+    _require_not_moved(dataset, fits, best, where)
 
 
 def require_agreement(dataset: Dataset, fits: Sequence[BoardHandEye], names: Sequence[str]) -> None:
@@ -142,20 +139,30 @@ def _matched(flange: Array, seen: Array, on_flange: bool) -> IndexArray:
     return order
 
 
-def _moved(dataset: Dataset, on_flange: bool) -> tuple[float, str, str]:
-    """Misfit where the rows are parted in two, the worse part's, and the poses between which that is least."""
+def _require_not_moved(
+    dataset: Dataset, fits: Sequence[BoardHandEye], best: Sequence[BoardHandEye], where: str
+) -> None:
+    """Raise CalibError where fits to the rows before and after one of them leave much less than one to all of them."""
     flange, seen, points = flange_poses(dataset), board_poses(dataset), dataset.points
     assert points is not None
-    best = (float("inf"), "", "")
-    for rows in of_setups(dataset) if len(of_setups(dataset)) == 1 else []:
-        for k in range(FEWEST + 1, len(rows) - FEWEST):
-            off = [
-                misfit_mm(flange[part], seen[part], on_flange=on_flange, most=_NEARLY_ALL)
-                for part in (rows[:k], rows[k:])
-            ]
-            last, first = (dataset.poses.ids[points.pose[rows[i]]] for i in (k - 1, k))
-            best = min(best, (max(off), last, first))
-    return best
+    on_flange, cuts = fits[0].on_flange, range(FEWEST + 1, len(points) - FEWEST)
+    if len(of_setups(dataset)) != 1 or not cuts:
+        return
+
+    def misfits(cut: int) -> float:
+        parts = ((flange[:cut], seen[:cut]), (flange[cut:], seen[cut:]))
+        return max(misfit_mm(*part, on_flange=on_flange, most=_NEARLY_ALL) for part in parts)
+
+    cut = min(cuts, key=misfits)
+    parts = (board_hand_eye(flange[rows], seen[rows], on_flange=on_flange) for rows in (slice(cut), slice(cut, None)))
+    moved_mm = max(fit.misfit_of_most(_NEARLY_ALL) for fit in parts)
+    now_mm = min(each[0].misfit_of_most(_NEARLY_ALL) for each in (fits, best))
+    if moved_mm < now_mm / _CLEAR_MOVE:
+        last, first = (dataset.poses.ids[points.pose[row]] for row in (cut - 1, cut))
+        raise CalibError(
+            f"{where}: board or camera was moved between poses {last} and {first}: taken apart there, arm and board "
+            f"disagree {now_mm / moved_mm:.1f} times less; import the poses before and after it apart"
+        )
 
 
 def bad_rows(dataset: Dataset, fits: Sequence[BoardHandEye]) -> dict[int, str]:

@@ -33,6 +33,7 @@ class CameraImport:
         arm = table_of_arm(self.choice, sources.joints, robot, sources.mapping)
         ids = ids_of(arm.table, sources.mapping, None if arm.readings else robot)
         camera = camera_points(self.choice, arm.table, ids, on_progress)
+        camera = replace(camera, point_sigma_mm=sources.point_sigma_mm)
         sources = replace(sources, points=None, measured=camera)
         if not arm.readings:
             return sources

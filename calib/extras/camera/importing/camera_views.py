@@ -11,19 +11,29 @@ from typing import Any
 
 import numpy as np
 
+from calib import frames
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import fit_measured
-from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
+from calib.dataset.dataset import Dataset, Orientations, Points, Poses
 from calib.dataset.files.points_csv import points_frame
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.pose_names import comparable_id
 from calib.dataset_import.reading import ImportReport, pose_ids, recognised
 from calib.errors import CalibError
 from calib.extras.camera.board import board_of
-from calib.extras.camera.board_hand_eye import BoardHandEye
+from calib.extras.camera.board_hand_eye import BoardHandEye, misfit_mm
 from calib.extras.camera.detection import Detected, MeasuredViews, image_files, measured_images
-from calib.extras.camera.importing.board_rows import FEWEST, bad_rows, fits_of, require_agreement, require_no_mistake
+from calib.extras.camera.importing.board_rows import (
+    FEWEST,
+    bad_rows,
+    board_poses,
+    fits_of,
+    flange_poses,
+    of_setups,
+    require_agreement,
+    require_no_mistake,
+)
 from calib.extras.camera.importing.intrinsics import load_lens
 from calib.extras.camera.importing.marker_poses import load_marker_poses
 from calib.extras.camera.observed import NAME, CameraViews
@@ -42,10 +52,11 @@ _AT = {"flange": "on the flange", "room": "in the room"}
 _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
 _MOST_BOARD_SIGMA = 0.05
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
-_SURE = 6.0  # sigmas
+_SURE = 4.5  # sigmas
 _MOST_NAMED = 5
 _EXPLAINED = 0.35  # of the misfit, which a size that explains it leaves at the most
-_LEAST_SIGMA = 1e-3  # mm, degrees
+_HELPS = 0.8  # the same of a size that explains a part, in place and at most poses
+_LEAST_VARIANCES = np.array([[1e-6], [3e-10]])  # mm^2, rad^2
 _SIGMA_ROUNDS = 4
 
 
@@ -107,8 +118,9 @@ class CameraPoints:
     views: CameraViews | None
     mount: str | None
     notes: tuple[str, ...] = field(default_factory=tuple)
-    point_sigma_mm: float | None = None
-    orientation_sigma_deg: float | None = None  # with `point_sigma_mm`, estimated from what a fit leaves
+    doubts: tuple[str, ...] = ()
+    point_sigma_mm: float | None = None  # told, or estimated from what a fit leaves
+    orientation_sigma_deg: float | None = None  # estimated from that
     images: Mapping[str, Path] = field(default_factory=dict)  # the image of each pose that can be kept by its name
 
     def points(self, ids: Sequence[str]) -> Points:
@@ -331,105 +343,124 @@ def settled_camera(
     notes, mount = list(given.notes), given.mount
     if len(given.names) < FEWEST:
         raise CalibError(f"the board is seen at {len(given.names)} poses; {FEWEST} and more are needed, better 20")
-    plain = _to_fit(given, robot, ids, q, setups, Scanner())
+    plain = _to_fit(given, robot, ids, q, setups)
     names = ("the arm's poses", "the images" if given.views is not None else "the marker's poses")
-    both = {name: fits_of(plain, on_flange=name == "flange") for name in MOUNTS if mount in (None, name)}
+    both = {name: fits_of(plain, on_flange=name == "flange") for name in MOUNTS}
     if not all(both.values()):
         raise CalibError(f"no placement of the camera has {FEWEST} poses; name as one what was one, or give more")
     off_mm = {name: max(fit.misfit_mm for fit in fits) for name, fits in both.items()}
-    best, *others = sorted(off_mm, key=lambda name: off_mm[name])
-    is_clear = all(off_mm[other] > _FAR_MISFIT * off_mm[best] for other in others)
-    for name in (best,) if is_clear else (best, *others):
-        require_no_mistake(plain, both[name], names)
-    _require_scale(both[best], given)
-    require_agreement(plain, both[best], names)
-    for other in others:
-        if not is_clear:
-            raise CalibError(
-                f"the poses do not tell where the camera is: on the flange arm and board disagree by "
-                f"{off_mm['flange']:.3g} mm, in the room by {off_mm['room']:.3g} mm; give "
-                "--mount flange or --mount room, and check that joints and images belong together"
-            )
-        notes.append(
-            f"the camera is {_AT[best]}: arm and board disagree by {off_mm[best]:.3g} mm, and by "
-            f"{off_mm[other]:.3g} mm if it were {_AT[other]}"
+    best, other = sorted(off_mm, key=lambda name: off_mm[name])
+    is_clear = off_mm[other] > _FAR_MISFIT * off_mm[best]
+    if mount == other and is_clear:
+        raise CalibError(
+            f"--mount {mount}: with the camera {_AT[other]} arm and board disagree by {off_mm[other]:.3g} mm, with it "
+            f"{_AT[best]} by {off_mm[best]:.3g} mm; give --mount {best}, or leave it out"
         )
+    best, other = (best, other) if mount in (None, best) else (other, best)
+    for name in (best,) if is_clear or mount else (best, other):
+        require_no_mistake(plain, both[name], both[best], names)
+    doubt = _doubted_size(plain, both[best], given)
+    require_agreement(plain, both[best], names)
+    if not is_clear and mount is None:
+        raise CalibError(
+            f"the poses do not tell where the camera is: on the flange arm and board disagree by "
+            f"{off_mm['flange']:.3g} mm, in the room by {off_mm['room']:.3g} mm; give "
+            "--mount flange or --mount room, and check that joints and images belong together"
+        )
+    notes.append(
+        f"the camera is {_AT[best]}: arm and board disagree by {off_mm[best]:.3g} mm, and by "
+        f"{off_mm[other]:.3g} mm if it were {_AT[other]}"
+    )
     given = replace(given, mount=best)
     left_out = bad_rows(plain, both[best])
     if left_out:
         notes += [f"pose {given.names[row]} is left out: its board is {why}" for row, why in left_out.items()]
         given = given.select([row for row in range(len(given.names)) if row not in left_out])
     if given.covariance is None:
-        fitted = _sigmas_of_fit(given, robot, ids, q, setups, both[best])
-        given = replace(given, point_sigma_mm=fitted[0], orientation_sigma_deg=fitted[1])
+        given = _with_noise_of_fit(given, robot, ids, q, setups, both[best])
         left = "the arm as it was told leaves" if robot.is_cartesian else "a fit of the links leaves"
         notes.append(
             f"the poses' noise is not given: {given.point_sigma_mm:.2g} mm and {given.orientation_sigma_deg:.2g}° per "
-            f"axis weigh them, which {left}; give --sigma if you know it"
+            f"axis, along the sight and across it by what is left in each, weigh them, which {left}; give --sigma if "
+            "you know it"
         )
-    return replace(given, notes=tuple(notes))
+    return replace(given, notes=tuple(notes), doubts=() if doubt is None else (doubt,))
 
 
-def _to_fit(
-    given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str], scanner: Scanner
-) -> Dataset:
+def _to_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]) -> Dataset:
     """Dataset of what the camera saw, all poses for training, for a fit by which the import judges it."""
     robot = replace(robot, carries_scanner=given.mount == "flange")
     count = len(ids)
     role = np.array(["reference", *["train"] * (count - 1)])
     poses = Poses(tuple(ids), role, q, np.array(setups or [""] * count), tuple(ids))
-    return Dataset("import", robot, poses, given.points(ids), scanner=scanner)
+    return Dataset("import", robot, poses, given.points(ids))
 
 
-def _sigmas_of_fit(
+def _with_noise_of_fit(
     given: CameraPoints,
     robot: Robot,
     ids: Sequence[str],
     q: Array,
     setups: Sequence[str],
     fits: Sequence[BoardHandEye],
-) -> tuple[float, float]:
-    """Sigmas per axis, mm and degrees, of what a fit of links, camera and board leaves; of the table's, without one.
+) -> CameraPoints:
+    """Board poses with the covariances that a fit of links, camera and board leaves; of the table's, without one.
 
-    Places and attitudes weigh by the sigmas of the round before, and share the degrees of freedom by their numbers.
+    A camera sees a board's distance and tilt worse than its place across the sight and its turn about it, often many
+    times: each of the four has a variance of its own. They weigh by those of the round before, and share the degrees
+    of freedom by their numbers. A sigma of places that was told stays.
     """
-    off_mm = rms(np.concatenate([fit.error_mm[fit.good] for fit in fits]))
-    off_rad = rms(np.concatenate([fit.error_rad[fit.good] for fit in fits]))
-    sigmas = max(off_mm, _LEAST_SIGMA), max(float(np.degrees(off_rad)), _LEAST_SIGMA)
+    sight = given.camera_T_board[:, :3, 3] / np.linalg.norm(given.camera_T_board[:, :3, 3], axis=1, keepdims=True)
+    along = np.einsum("mi,mj->mij", sight, sight)
+    each = [np.concatenate([getattr(fit, name)[fit.good] for fit in fits]) for name in ("error_mm", "error_rad")]
+    variances = np.repeat([[rms(part) ** 2] for part in each], 2, axis=1)  # of places and attitudes, across and along
+    told_mm = given.point_sigma_mm
     for _ in range(_SIGMA_ROUNDS):
-        scanner = Scanner(point_sigma_mm=sigmas[0], orientation_sigma_rad=float(np.radians(sigmas[1])))
+        variances = np.maximum(variances, _LEAST_VARIANCES)
+        if told_mm is not None:
+            variances[0] = told_mm**2
+        parts = [across * np.eye(3) + (deep - across) * along for across, deep in variances]
+        covariance = np.zeros((len(along), 6, 6))
+        covariance[:, :3, :3], covariance[:, 3:, 3:] = parts
+        given = replace(given, covariance=covariance)
         try:
-            fitted = fit_measured(_to_fit(given, robot, ids, q, setups, scanner), FitOptions("pose"))
+            fitted = fit_measured(_to_fit(given, robot, ids, q, setups), FitOptions("pose"))
         except CalibError:
-            return sigmas
-        errors = full_pose_errors(fitted)
+            break
+        errors = full_pose_errors(fitted).reshape(-1, 2, 3)
         share = errors.size / max(fitted.fit.degrees_of_freedom, 1)
-        found_mm, found_rad = (float(np.sqrt(share * np.mean(part**2))) for part in (errors[:, :3], errors[:, 3:]))
-        sigmas = max(found_mm, _LEAST_SIGMA), max(float(np.degrees(found_rad)), _LEAST_SIGMA)
-    return sigmas
+        deep = np.einsum("mki,mi->mk", errors, sight) ** 2
+        variances = share * np.stack([0.5 * (np.sum(errors**2, axis=-1) - deep), deep], axis=-1).mean(axis=0)
+    sigma_mm, sigma_rad = np.sqrt(variances @ [2.0, 1.0] / 3.0).tolist()
+    return replace(given, point_sigma_mm=told_mm or sigma_mm, orientation_sigma_deg=float(np.degrees(sigma_rad)))
 
 
-def _require_scale(fits: Sequence[BoardHandEye], given: CameraPoints) -> None:
-    """Raise CalibError where the declared size of a board contradicts the lengths of the arm.
+def _doubted_size(dataset: Dataset, fits: Sequence[BoardHandEye], given: CameraPoints) -> str | None:
+    """What to doubt where lengths of the arm contradict the declared size of a board; None where they do not.
 
-    A size is told where it explains what arm and board disagree by, in each placement of the camera alike: whatever
-    else is wrong leaves its attitudes or its places.
+    A size is told where it explains what arm and board disagree by, at most poses, in each placement of the camera
+    alike: whatever else is wrong leaves its attitudes or its places, and a third of bad rows turns no claim. Raises
+    CalibError where it explains nearly all.
     """
-    for fit in fits:
+    for fit, rows in zip(fits, of_setups(dataset), strict=True):
         off = abs(1.0 / fit.scale - 1.0) if fit.scale > 0.0 else float("inf")
-        explained = fit.is_determined and fit.scaled_mm < _EXPLAINED * fit.rms_mm
-        if off < _WRONG_SCALE or abs(fit.scale - 1.0) < _SURE * fit.scale_sigma or not explained:
-            return
+        if not fit.is_determined or off < _WRONG_SCALE or abs(fit.scale - 1.0) < _SURE * fit.scale_sigma:
+            return None
+        flange, seen = flange_poses(dataset)[rows], board_poses(dataset)[rows]
+        scaled = frames.make_transform(seen[:, :3, :3], fit.scale * seen[:, :3, 3])
+        now_mm, then_mm = (misfit_mm(flange, each, on_flange=fit.on_flange) for each in (seen, scaled))
+        if max(fit.scaled_mm / fit.rms_mm, then_mm / now_mm) > _HELPS:
+            return None
     scales = [fit.scale for fit in fits]
     if np.ptp(scales) > _WRONG_SCALE * min(scales):
-        return
-    fitting = f"{scales[0]:.4g} times as large"
+        return None
+    fitting = f"fit the arm with {{}} {scales[0]:.4g} times as large (± {fits[0].scale_sigma:.2g})"
     if given.views is None:
-        raise CalibError(
-            f"the marker's poses fit the arm with lengths {fitting}; check --length-unit, and "
-            "the marker's size in the program that measured them"
-        )
-    raise CalibError(
-        f"--board {given.views.board}: the images fit the arm with a board {fitting} "
-        f"(± {fits[0].scale_sigma:.2g}); measure its squares, or check the robot's units"
-    )
+        told = f"the marker's poses {fitting.format('lengths')}; check --length-unit, and the marker's size in the "
+        told += "program that measured them"
+    else:
+        told = f"--board {given.views.board}: the images {fitting.format('a board')}; measure its squares, or check "
+        told += "the robot's units"
+    if all(fit.scaled_mm < _EXPLAINED * fit.rms_mm for fit in fits):
+        raise CalibError(told)
+    return told
