@@ -25,7 +25,7 @@ from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
-from inspector.app.page.dataset_list import have_scans, names_of
+from inspector.app.page.dataset_list import have_scans, listed_folders, names_of
 from inspector.app.page.page_state import PageState
 from inspector.app.page.playback import Playback
 from inspector.app.page.tab_controller import Page, TabController
@@ -38,8 +38,9 @@ from inspector.session.dropped import dataset_of_session
 from inspector.session.reopening import Opening
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Saved, Shown
-from inspector.session.user_effects import UserEffects, Watch
+from inspector.session.user_effects import UserEffects
 from inspector.session.view import RESIDUALS, SIDES, VIEWS
+from inspector.session.watch import Watch
 
 log = logging.getLogger(__name__)
 
@@ -63,6 +64,8 @@ class App:
         named = dict(zip(names_of(folders), folders, strict=True))
         self._folders = named
         self._wanted = 0  # the pose asked for last
+        self._root, self._data = root, data
+        self._described: tuple[str, dict[Path, int]] = ("", {})
         start = next(iter(named))
         if saved is not None:
             start = next(name for name, folder in named.items() if folder == saved.folder)
@@ -89,7 +92,7 @@ class App:
             panels.review.timeline, times=self._times, wanted=lambda: self._wanted,
             select=self.select, drawing=lambda: self.worker.running("select"),
         )  # fmt: skip
-        self._watch = Watch(user_effects, self.effects)
+        self._watches = [Watch(lambda: user_effects.version, self.effects), Watch(self._files, self._files_changed)]
         self.downloads = Downloads(self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root)
         self.imports = Imports(
             server, data, panels.own_data, self.worker, on_made=self._imported, on_session=self._open_session
@@ -113,7 +116,8 @@ class App:
 
     def close(self) -> None:
         """End the work, the threads and the server."""
-        self._watch.stop()
+        for watch in self._watches:
+            watch.stop()
         self._playback.stop()
         self.imports.close()
         self.worker.stop()
@@ -146,6 +150,29 @@ class App:
         """Read the dataset on show again from its folder."""
         self.worker.submit("open", lambda: self.dataset.open(self.state.name, again=True))
 
+    def _files(self) -> tuple[dict[Path, Path], tuple[str, dict[Path, int]]]:
+        """Folders of datasets that can be listed, and the dataset on show with the times of what describes it."""
+        name = self.state.name
+        described = [self._folders[name] / file for file in ("dataset.toml", "robot.toml")] if name else []
+        times = {path: path.stat().st_mtime_ns for path in described if path.is_file()}
+        return listed_folders(self._root, self._data), (name, times)
+
+    def _files_changed(self) -> None:
+        self.worker.submit("files", self._follow_files)
+
+    def _follow_files(self) -> None:
+        """List datasets that are new, and read the one on show again where what describes it has changed."""
+        folders, (name, times) = self._files()
+        known = {folder.resolve() for folder in self._folders.values()}
+        for folder in (folder for place, folder in folders.items() if place not in known):
+            self._folders[folder.name if folder.name not in self._folders else str(folder)] = folder
+        self.panels.review.list_datasets(tuple(self._folders))
+        before, self._described = self._described, (name, times)
+        changed = [path.name for path, time in times.items() if before[0] == name and before[1].get(path) != time]
+        if changed:
+            tell(self.server, f"{changed[0]} has changed", f"{name} is read again, and its scans are searched again.")
+            self.open_again()
+
     def _imported(self, folder: Path, saved: Saved | None) -> None:
         """Add a dataset that was just written to the list, and open it, with the session that came with it."""
         name = folder.name if folder.name not in self._folders else str(folder)
@@ -166,6 +193,7 @@ class App:
         return True
 
     def _opened(self) -> None:
+        self._described = self._files()[1]
         with self._asking:
             self._wanted = 0  # another dataset starts at its first pose
         self._playback.stop()

@@ -11,7 +11,7 @@ from calib.dataset.files.folder import find_datasets
 from calib.errors import CalibError
 from calib.served_process import warm_up
 from inspector.app.app import App
-from inspector.app.page.dataset_list import have_scans
+from inspector.app.page.dataset_list import have_scans, listed_folders
 from inspector.server.viser_server import LOOPBACK, start_server
 from inspector.session.reopening import Opening
 
@@ -36,7 +36,10 @@ def serving(
         ServerError: the address cannot be served on.
     """
     # Those with scans first: a page that opens on one shows the whole way, from scan to model.
-    found = {folder.resolve(): folder for folder in [*find_datasets(path), *_imported_before(data)]}
+    if data is not None and data.exists() and not data.is_dir():
+        raise CalibError(f"--data {data}: is no folder; name one for the datasets that pages import")
+    find_datasets(path)
+    found = listed_folders(path, data)
     scanned = dict(zip(found, have_scans(found), strict=True))
     folders = [found[place] for place in sorted(found, key=lambda place: not scanned[place])]
     if effects_file is not None and not effects_file.is_file():
@@ -48,11 +51,3 @@ def serving(
         yield app
     finally:
         app.close()
-
-
-def _imported_before(data: Path | None) -> list[Path]:
-    if data is None or not data.exists():
-        return []
-    if not data.is_dir():
-        raise CalibError(f"--data {data}: is no folder; name one for the datasets that pages import")
-    return sorted(path.parent for path in data.glob("*/dataset.toml"))

@@ -50,6 +50,7 @@ LAYER_WORDS = {
 AS_POINTS = {"All corners": "All points", "Corner": "Point"}
 VIEW_OF = {label: view for view, label in AS_POINTS.items()}
 LAYERS_AS_POINTS = {"corner": "This point", "corners": "All points"}
+SEARCH_AGAIN = "Search again"
 NOTHING_OPEN = "No dataset is open: choose another one, or correct this one and start the program again."
 KEYS = (
     "Shift and drag: select points by a box. Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, "
@@ -121,7 +122,7 @@ class ReviewPanel:
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
         self.box.on_click(lambda e: self._box_pressed(str(e.target.value)))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
-        self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
+        self.search.on_click(lambda _: self._search_pressed())
         self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
         self.size.on_update(lambda e: a.point_size(clamped(e.target.value, 0.2, 4.0, 1.2)))
         self.factor.on_update(
@@ -140,6 +141,12 @@ class ReviewPanel:
                 lambda _, side=side: a.look_from(side)  # type: ignore[misc]
             )
         gui.add_command(DARK_OR_LIGHT, hotkey="D", icon=viser.Icon.MOON)
+
+    def _search_pressed(self) -> None:
+        if self.search.label == SEARCH_AGAIN:
+            self._actions.open_again()
+        else:
+            self._actions.search(self.search.label != "Stop the search")
 
     def _box_pressed(self, button: str) -> None:
         if button == LEAVE_BOX:
@@ -286,8 +293,8 @@ class ReviewPanel:
         put(self.progress, 100.0 * done / total)
         self.progress.animated = running
         self.progress.visible = done < total
-        self.search.label = "Stop the search" if running else "Go on searching"
-        self.search.visible = done < total
+        self.search.label = "Stop the search" if running else "Go on searching" if done < total else SEARCH_AGAIN
+        self.search.visible = done < total or bool(failed)
 
     def show_layers(self, visible: set[str]) -> None:
         """Tick the visible layers."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from inspector.markup.measure.your_data import (
     CORRECT,
     NOTED,
     WIDE,
+    asked_html,
     columns_html,
     files_html,
     meaning_words,
@@ -33,12 +35,15 @@ OPEN = "Import and open"
 CANCEL = "Cancel"
 CHOOSE = "choose …"
 SAME = "in the table of joints"
-SIGMA, TOOL = "Sigma, mm", "Tool, mm"
-SIGMA_HELP = "Standard deviation of a measured point, each axis, such as 0.05. Empty: unknown, taken from the residual."
-TOOL_HELP = (
-    "Offset x, y, z of the measured point from the flange (a URDF's last link, robot.toml's [flange], else the last "
-    "joint). Empty: as in the robot's file."
-)
+SIGMA, TOOL, MASS, EDGE = "Sigma, mm", "Tool, mm", "Tool, kg", "Jig's edge, mm"
+FIELDS = {"--sigma": SIGMA, "--tool": TOOL, "--tool-mass": MASS, "--edge": EDGE, "--map": CORRECT}
+"""Field of the window that answers a question, by the option of the command."""
+HINTS = {
+    SIGMA: "standard deviation of a measured point, each axis, such as 0.05",
+    TOOL: "x, y, z of the measured point from the flange (a URDF's last link, else [flange] or the last joint)",
+    MASS: "of what the arm carries at the flange",
+    EDGE: "from the corner along each of its three edges",
+}
 NOTE = "More files? Drop them on the page; one of the same name replaces the one before."
 HOW = (
     "This server was started without a place for your data. End it (Ctrl-C) and start it with a folder to write "
@@ -119,10 +124,8 @@ class YourDataWindow:
             self._columns = gui.add_html("")
             self._folder = gui.add_folder(CORRECT, expand_by_default=False, visible=False)
             self._preview = gui.add_html("")
-            self.sigma = gui.add_text(SIGMA, "", visible=False)
-            self._sigma_help = gui.add_html(elements.note(SIGMA_HELP), visible=False)
-            self.tool = gui.add_text(TOOL, "", visible=False)
-            self._tool_help = gui.add_html(elements.note(TOOL_HELP), visible=False)
+            self._asked = gui.add_html("")
+            self.told = {label: gui.add_text(label, "", visible=False, hint=hint) for label, hint in HINTS.items()}
             self.name = gui.add_text("Name", "")
             self._place = gui.add_html("")
             self.open = gui.add_button(OPEN, disabled=True, icon=viser.Icon.FOLDER_OPEN)
@@ -138,8 +141,8 @@ class YourDataWindow:
                 actions.choose(client)
 
         for widget in (
-            self.skip, self.robot, self.tip, self.convention, self.model, self.joints, self.points, self.sigma,
-            self.tool,
+            self.skip, self.robot, self.tip, self.convention, self.model, self.joints, self.points,
+            *self.told.values(),
         ):  # fmt: skip
             widget.on_update(choose)
         self.open.on_click(lambda _: actions.finish(client))
@@ -159,9 +162,14 @@ class YourDataWindow:
         _offer(self.joints, tables or ("–",), offer.joints)
         _offer(self.points, (SAME, *tables), offer.points)
         self.joints.visible = self.points.visible = plan is not None and _is_open(offer)
-        self.tool.visible = self._tool_help.visible = plan is not None and plan.robot is not None
-        has_scans_alone = plan is not None and plan.preview is not None and plan.preview.points is None
-        self.sigma.visible = self._sigma_help.visible = plan is not None and not has_scans_alone
+        asked = {FIELDS[re.split("[ =]", one.option)[0]]: one for one in (() if plan is None else plan.asked)}
+        self._asked.content = asked_html(asked)
+        edge_mm = None if plan is None or plan.content is None else plan.content.edge_mm
+        if EDGE in asked and edge_mm is not None:
+            put(self.told[EDGE], f"{edge_mm:g}")
+        usual = (SIGMA, TOOL) if plan is not None and plan.robot is not None and plan.preview is None else ()
+        for label, field in self.told.items():
+            field.visible = label in (*asked, *usual) or bool(str(field.value).strip())
         outcome = offer.ready if plan is None else plan.preview
         self._preview.content = "" if outcome is None else preview_html(outcome)
         told = elements.alert(offer.session, colour=NOTED) if offer.session else ""

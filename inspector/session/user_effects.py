@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
 from pathlib import Path
 
 from calib.dataset.dataset import Dataset
@@ -56,25 +54,3 @@ class UserEffects:
         except OSError:
             return None
         return None if status is None else (status.st_mtime_ns, status.st_size)
-
-
-class Watch:
-    """Thread that calls `on_change` after the file changed, until stopped."""
-
-    def __init__(self, effects: UserEffects, on_change: Callable[[], None]) -> None:
-        self._effects, self._on_change = effects, on_change
-        self._stop = threading.Event()
-        self._seen = effects.version
-        if effects.path is not None:
-            threading.Thread(target=self._run, name="inspector-watch", daemon=True).start()
-
-    def stop(self) -> None:
-        """End the thread; a call that has begun is finished."""
-        self._stop.set()
-
-    def _run(self) -> None:
-        while not self._stop.wait(POLL_S):
-            version = self._effects.version
-            if version != self._seen:
-                self._seen = version
-                self._on_change()

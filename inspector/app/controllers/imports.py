@@ -13,7 +13,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.import_dataset import ImportChoice, copy_dataset, write_plan
 from calib.dataset_import.plan import ImportPlan
-from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
+from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm, typed_size
 from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError
 from calib.robot_formats.robot_file import ReadOptions
@@ -21,6 +21,8 @@ from calib.robot_formats.tables import CONVENTIONS
 from calib.served_process import within_limits
 from inspector.panels.your_data import (
     CHOOSE,
+    EDGE,
+    MASS,
     SAME,
     SIGMA,
     TOOL,
@@ -240,12 +242,15 @@ class Imports:
         )
         joints = by_name.get(str(window.joints.value))
         points = by_name.get(str(window.points.value))
-        sigma, wrong_sigma = _typed(SIGMA, str(window.sigma.value), typed_length_mm)
-        tool, wrong_tool = _typed(TOOL, str(window.tool.value), typed_point_mm)
-        at.wrong = (*wrong_sigma, *wrong_tool)
+        told = {label: str(field.value) for label, field in window.told.items()}
+        sigma, wrong_sigma = _typed(SIGMA, told[SIGMA], typed_length_mm)
+        tool, wrong_tool = _typed(TOOL, told[TOOL], typed_point_mm)
+        mass, wrong_mass = _typed(MASS, told[MASS], typed_size)
+        edge, wrong_edge = _typed(EDGE, told[EDGE], typed_size)
+        at.wrong = (*wrong_sigma, *wrong_tool, *wrong_mass, *wrong_edge)
         at.choice = replace(
             at.choice, robot=robot, reading=reading, joints=joints, points=points or joints,
-            point_sigma_mm=sigma, tool_mm=tool, skip_bad_rows=bool(window.skip.value),
+            point_sigma_mm=sigma, tool_mm=tool, tool_mass_kg=mass, edge_mm=edge, skip_bad_rows=bool(window.skip.value),
         )  # fmt: skip
         yield from self._plan(at)
 

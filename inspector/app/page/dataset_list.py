@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from calib.dataset.files.folder import load_dataset
+from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.errors import CalibError, printable
 from calib.served_process import within_limits
 
@@ -27,6 +27,16 @@ def _have_scans(folders: Iterable[Path]) -> list[bool]:
             return True
 
     return list(map(has_scans, folders))
+
+
+def listed_folders(path: Path, data: Path | None) -> dict[Path, Path]:
+    """Folders of the datasets in a place and in that of imported ones, by their resolved paths; none that is gone."""
+    try:
+        folders = find_datasets(path)
+    except CalibError:
+        folders = []
+    imported = [] if data is None else sorted(found.parent for found in data.glob("*/dataset.toml"))
+    return {folder.resolve(): folder for folder in [*folders, *imported]}
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.input_names import quantity_of
-from calib.dataset_import.columns import Meaning
+from calib.dataset_import.columns import Meaning, meaning_of
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from calib.dataset_import.questions import Question
 from calib.dataset_import.user_files import UNUSED, UserFile
 from calib.present.fit.dataset import first_rows, preview
 from calib.rendering import numbers
@@ -102,6 +104,15 @@ def plan_html(plan: ImportPlan) -> str:
     return html
 
 
+def asked_html(asked: Mapping[str, Question]) -> str:
+    """HTML on what no file tells, by the field that answers it: what is taken where it stays empty."""
+    if not asked:
+        return ""
+    rows = [(field, *map(elements.wrapping, (one.what, one.guess))) for field, one in asked.items()]
+    table = elements.table(("Field", "asks for", "taken if empty"), rows, left=3)
+    return elements.heading("What no file tells") + table
+
+
 def preview_html(dataset: Dataset) -> str:
     """HTML on the dataset that comes out: a sentence on its poses and points, and its first rows."""
     rows = first_rows(dataset)
@@ -110,5 +121,27 @@ def preview_html(dataset: Dataset) -> str:
 
 
 def _here(line: str) -> str:
-    """Line on an option of the command, reworded for the page, which has lists instead of options."""
-    return line.replace("--map says it otherwise", CORRECT_IT).replace("tell with --map", CORRECT_IT)
+    """Line on options of the command, reworded for the page, which has lists and fields instead of options."""
+    for said, on_page in _ON_PAGE:
+        line = re.sub(said, on_page, line)
+    return line
+
+
+def _choice(told: re.Match[str]) -> str:
+    """A column's meaning as it is chosen on the page, from an option of the command."""
+    meaning = meaning_of(told["meaning"])
+    words = told["meaning"] if meaning is None or "*" in told["meaning"] else meaning_words(meaning)
+    return f"“{words}” for {told['column']} below"
+
+
+_ON_PAGE: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
+    ("--map says it otherwise|tell with --map$", CORRECT_IT),
+    ("(?:tell it|tell|say so) (?:with|by) (?=--map)", "choose "),
+    (r"--map '?(?P<column>[^'=]+)=(?P<meaning>[^'\s;,)]+)'?", _choice),
+    ("--map", f"“{CORRECT}”"),
+    (r"--points FILE(\.csv)?", "a table of points, dropped here"),
+    ("--scans FOLDER", "scans, dropped here"),
+    ("give --convention", "choose it under “Table is”"),
+    ("(--images or --marker-poses)", r"the command “import” with \1"),
+)
+"""Words on the command's options, and those of the page."""

@@ -15,7 +15,8 @@ from calib.errors import CalibError
 from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.session.session import Session
-from inspector.session.user_effects import UserEffects, Watch
+from inspector.session.user_effects import UserEffects
+from inspector.session.watch import Watch
 from tests.support.app import idle, idle_app, shows
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
@@ -86,13 +87,12 @@ def test_without_a_file_there_is_nothing(dataset: Dataset) -> None:
     own = UserEffects()
     assert own.families("a", dataset) == ()
     assert not own.stale("a", ())
-    Watch(own, lambda: None).stop()
 
 
 def test_the_watch_tells_of_each_change_and_ends(tmp_path: Path) -> None:
     changed = threading.Event()
     own = UserEffects(written(tmp_path / "mine.py"))
-    watch = Watch(own, changed.set)
+    watch = Watch(lambda: own.version, changed.set)
     written(tmp_path / "mine.py", 12)
     assert changed.wait(20)
     watch.stop()
