@@ -56,6 +56,12 @@ def records(content: object) -> Form:
     return write
 
 
+def a_file_each(folder: Path) -> list[str]:
+    for k, (q, point) in enumerate(zip(Q.tolist(), POINTS.tolist(), strict=True)):
+        (folder / f"pose_{k:03}.json").write_text(json.dumps({"joint_positions": q, "point_mm": point}))
+    return ["--joints", str(folder / "*.json")]
+
+
 IDS = [f"P{k}" for k in range(1, 37)]
 BOTH = [*DEG.T, *POINTS.T]
 LIST = "[{}]".format
@@ -140,6 +146,25 @@ POSES: dict[str, Form] = {
     "JSON of columns": records(
         {**{f"q{k + 1}": Q[:, k].tolist() for k in range(6)}, **{a: POINTS[:, k].tolist() for k, a in enumerate("xyz")}}
     ),
+    "readings of a pose in rows": one(
+        [",".join(["Pose", *J, "Reading", "X", "Y", "Z"])],
+        [np.repeat(IDS, 2).tolist(), *np.repeat(DEG, 2, 0).T, [*"12"] * 36, *np.repeat(POINTS, 2, 0).T],
+    ),
+    "limits above and below the names": one(
+        [f"min{',-200' * 9}", ",".join(["Pose", *J, "X", "Y", "Z"]), f"max{',2000' * 9}"], [IDS, *BOTH]
+    ),
+    "running numbers beside names": beside(
+        ["No,Point,X,Y,Z"], [[str(k) for k in range(1, 37)], [f"Cell::{i}" for i in IDS[::-1]], *POINTS[::-1].T]
+    ),
+    "nested JSON": records(
+        {
+            "run": [
+                {"id": i, "robot": {"joints_deg": list(q)}, "tracker": {"position": dict(zip("xyz", p, strict=True))}}
+                for i, q, p in zip(IDS, DEG.tolist(), POINTS.tolist(), strict=True)
+            ]
+        }
+    ),
+    "a JSON file a pose": a_file_each,
     "Universal Robots by name": one(
         ["Base [deg],Shoulder [deg],Elbow [deg],Wrist 1 [deg],Wrist 2 [deg],Wrist 3 [deg],x,y,z"], BOTH
     ),

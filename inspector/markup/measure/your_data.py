@@ -136,6 +136,7 @@ def _choice(told: re.Match[str]) -> str:
 
 _ON_PAGE: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     ("--map says it otherwise|tell with --map$", CORRECT_IT),
+    ("' --map", "', --map"),
     ("(?:tell it|tell|say so) (?:with|by) (?=--map)", "choose "),
     (r"--map '?(?P<column>[^'=]+)=(?P<meaning>[^'\s;,)]+)'?", _choice),
     ("--map", f"“{CORRECT}”"),
