@@ -68,7 +68,7 @@ def _planned(sources: ImportSources, table: UserTable, reading: FlangePoses, rob
         joints = replace(
             joints, columns=(*joints.columns, *_ONE_TIP), rows=tuple((*row, "0", "0", "0") for row in joints.rows)
         )
-    named = {column: Meaning(*column.split("_")) for column in CARTESIAN_JOINTS}
+    named = {column: Meaning(column[:2], column[3:]) for column in CARTESIAN_JOINTS}
     return plan_import(
         replace(
             sources, robots=(RobotReading("", RobotFile(robot, None)),), joints=table.path,

@@ -3,9 +3,9 @@
 Metres and radians, a block `x y z roll pitch yaw` per joint, which the maker's xacro puts into its <origin>. Joints
 turn about their z axis. rpy is about fixed axes, as in URDF.
 
-The YAML is nested `key: value` by indentation, and `{key: value}` on one line. Anchors, lists, tags (but !degrees and
-!radians) and texts over several lines are refused with their line. Each value keeps its position in the text, so that a
-writer may change it and leave every other character as it is.
+The YAML is nested `key: value` by indentation, and `{key: value}` on one line. Anchors and tags (but !degrees and
+!radians) are refused with their line; lists and texts over several lines hold no joint and are passed over. Each value
+keeps its position in the text, so that a writer may change it and leave every other character as it is.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ _MOST_DEPTH = 20
 _MOST_CHARACTERS = 1000  # of a line
 _LINE = re.compile(r"""(?P<space>[ \t]*)(?P<key>"[^"]*"|'[^']*'|[^\s:#'"{}\[\]&*!|>-][^:#{}\[\]]*?)\s*:(?=\s|$)""")
 _PAIR = re.compile(r"""\s*(?P<key>"[^"]*"|'[^']*'|[^\s:,{}]+)\s*:\s*(?P<value>[^,{}]*)""")
+_OF_JOINT = re.compile(r"joint|link|axis|shoulder|arm|wrist", re.IGNORECASE)
 _COMMENT = re.compile(r"(^|\s)#.*$")
 
 
@@ -73,9 +74,8 @@ def read_yaml(path: Path) -> YamlFile:
         if not line.strip() or line.strip() in ("---", "...") or line.startswith("%"):
             continue
         match = _LINE.match(line)
-        if match is None:
-            kind = "a list" if line.lstrip().startswith("- ") else f"{line.strip()[:40]!r}"
-            file.fail(number, f"found {kind}", "lines of `key: value` are needed")
+        if match is None:  # a list, or the rest of a text: no block of a joint
+            continue
         if "\t" in match["space"]:
             file.fail(number, "the line is indented by tabs", "indent by spaces")
         indent, key = len(match["space"]), match["key"].strip("\"'").strip()
@@ -98,7 +98,7 @@ def read_yaml(path: Path) -> YamlFile:
 def _value(file: YamlFile, line: int, text: str, start: int) -> YamlNode:
     """Node of the text behind `key:`."""
     if not text.startswith("{"):
-        if text[:1] in ("&", "*", "|", ">", "[") or (text[:1] == "!" and not text.startswith(("!degrees", "!radians"))):
+        if text[:1] in ("&", "*") or (text[:1] == "!" and not text.startswith(("!degrees", "!radians"))):
             file.fail(line, f"found {text[:40]!r}", "a number or a text is needed")
         return YamlNode(line, text, start)
     if not text.endswith("}") or text.count("{") > 1:
@@ -141,6 +141,8 @@ def read_origin_yaml(path: Path) -> OriginYaml:
         block = node.children.get("kinematic", node)
         if any(key in block.children for key in KEYS):
             missing = [key for key in KEYS if key not in block.children]
+            if missing == list(KEYS[3:]) and not _OF_JOINT.search(name):  # a place alone, as of a centre of mass
+                continue
             if missing:
                 file.fail(block.line, f"{name} has no {', '.join(missing)}", "a block has x y z roll pitch yaw")
             blocks[name] = block

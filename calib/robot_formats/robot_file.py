@@ -20,7 +20,7 @@ from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, 
 from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml
 from calib.robot_formats.robot_form import RobotForm, forms_of, known_suffixes
 from calib.robot_formats.tables import chain_of_table
-from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm, tip_links
+from calib.robot_formats.urdf.chain import ArmPath, before_jaw, chain_of_arm, find_arm, tip_links
 from calib.robot_formats.urdf.meshes import MeshFile, Packages, link_meshes
 from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
 from calib.robot_formats.urdf.tree import read_tree
@@ -146,7 +146,9 @@ def tips_of(path: Path) -> tuple[str, ...]:
 
 def urdf_tips(path: Path) -> tuple[str, ...]:
     """Possible tip links of a URDF, the tip of the longest arm first. Raises CalibError."""
-    return tuple(tip_links(read_tree(read_xml(path))))
+    tree = read_tree(read_xml(path))
+    tips = tip_links(tree)
+    return tuple(dict.fromkeys([*(before_jaw(tree, tip) for tip in tips[:1]), *tips]))
 
 
 def named_robot(name: str, reading: ReadOptions = ReadOptions()) -> RobotFile:

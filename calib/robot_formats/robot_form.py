@@ -43,6 +43,7 @@ _CORE = (
         (".yaml", ".yml"), 6, "joint origins", f"{_FILE}:read_origins",
         writer=f"{_WRITTEN}:yaml_content", in_template=f"{_TEMPLATE}:calibrated_yaml",
     ),
+    RobotForm((".json",), 7, "a table of theta, d, a, alpha", f"{_FILE}:read_table", options=("convention",)),
     RobotForm((".csv",), 5, "a table of the robot, by its columns", f"{_FILE}:read_table", options=("convention",)),
 )  # fmt: skip
 

@@ -9,6 +9,7 @@ import numpy as np
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError
+from calib.frames import rpy_from_rotation
 from calib.kinematics.commanded import commands_in_words
 from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import FixedFrame, Robot
@@ -124,7 +125,14 @@ def urdf_content(robot: Robot) -> RobotContent:
 def yaml_content(robot: Robot) -> RobotContent:
     """The bytes of a kinematics YAML, with a note on its frames. Raises RobotFileError."""
     note = "note: a maker's description has other frames; give its own file as --template"
-    return plain_yaml(chain_of(robot)).encode(), (note, *_own_joints(robot))
+    tip = chain_of(robot).last_T_tip
+    lost: tuple[str, ...] = ()
+    if not np.allclose(tip, np.eye(4), atol=1e-6):
+        numbers = [*tip[:3, 3], *np.degrees(rpy_from_rotation(tip[:3, :3]))]
+        x, y, z, *rpy_deg = (f"{value + 0.0:.6g}" for value in np.round(numbers, 6))
+        place = f"{x}, {y}, {z} mm and roll, pitch, yaw {', '.join(rpy_deg)} deg from the last joint"
+        lost = (f"note: the tip, {place}, is lost; .toml keeps it",)
+    return plain_yaml(chain_of(robot)).encode(), (note, *lost, *_own_joints(robot))
 
 
 def _own_joints(robot: Robot) -> tuple[str, ...]:

@@ -13,11 +13,13 @@ from the last joint to the tip.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +27,7 @@ from calib.array_types import Array
 from calib.frames import invert, make_transform, rotation_from_rpy
 from calib.robot_formats.chain.five_parameters import row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
+from calib.robot_formats.urdf.safe_xml import read_bytes
 from calib.text_files.column_names import plain, split_unit
 from calib.text_files.user_table import Fault, UserTable, load_table
 
@@ -34,6 +37,10 @@ _TOOLS = ("tool", "tcp")  # behind the flange
 _HERE = np.eye(4)
 _ANGLES = {"deg": math.pi / 180.0, "rad": 1.0}
 _LENGTHS = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
+_JOINT = re.compile(r"(?:\+\s*)?\b(?:q|theta|θ)_?\d*\*?(?=\s*(?:$|[+-]))", re.IGNORECASE)  # its own value in a cell
+_PI = re.compile(r"π|pi", re.IGNORECASE)
+_JSON_KEYS = {"thetaoffset": "theta", "offset": "theta", "jointid": "name", "joint": "name", "jointname": "name",
+              "jointtype": "type"}  # fmt: skip
 _SAME_AXIS_MM, _SAME_AXIS_RAD = 1e-6, 1e-9
 _MOST = 1e6
 _OF_PI = re.compile(  # as makers print angles: π/2, -π/2, pi, 3pi/4, 0.5*pi
@@ -46,7 +53,9 @@ def chain_of_table(path: Path, convention: str | None) -> SerialChain:
 
     Raises RobotFileError in one line, also where the table looks like one of the other convention.
     """
-    table = _Table(load_table(path))
+    loaded, told = _of_json(path) if path.suffix.lower() == ".json" else (load_table(path), None)
+    table = _Table(loaded)
+    convention = convention or told
     if table.has("a", "alpha", "d", "theta"):
         return _denavit_hartenberg(table, convention)
     if convention is not None:
@@ -62,12 +71,55 @@ def chain_of_table(path: Path, convention: str | None) -> SerialChain:
 
 
 def _without_pi(cell: str) -> str:
-    """A cell such as -π/2 as the text of a number; any other cell unchanged."""
+    """A cell such as -π/2 or q2 - pi/2 as the text of a number without the joint's value; any other cell unchanged."""
+    cell = _JOINT.sub("", cell.strip()).replace(" ", "").removeprefix("+") or "0"
     found = _OF_PI.fullmatch(cell.strip().replace("\N{MINUS SIGN}", "-"))
     if found is None or found["times"] == "." or (found["by"] is not None and int(found["by"]) == 0):
         return cell
     value = float(found["times"] or 1) * math.pi / int(found["by"] or 1)
     return repr(-value if found["sign"] == "-" else value)
+
+
+def _of_json(path: Path) -> tuple[UserTable, str | None]:
+    """Table of a JSON with a row for each joint, a list or a dict, under any key, and the convention that it tells."""
+    try:
+        document = json.loads(read_bytes(path))
+    except (ValueError, RecursionError) as error:
+        raise RobotFileError(f"{path}: is no JSON: {error}") from None
+    told: dict[str, Any] = document if isinstance(document, dict) else {"rows": document}
+    rows = next((rows for value in (told, *told.values()) if (rows := _rows_of(value))), None)
+    if rows is None:
+        raise RobotFileError(
+            f"{path}: found {', '.join(map(str, told))[:200]}; a list with a, alpha, d, theta of each joint is needed"
+        )
+    declared = told.get("units")
+    units = declared if isinstance(declared, dict) else {}
+    of_kind = {"length": str(units.get("length", "")), "angle": str(units.get("angle", ""))}
+    kinds = {"a": "length", "d": "length", "alpha": "angle", "theta": "angle"}
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    columns = []
+    for key in keys:
+        base, unit = split_unit(key)
+        name = _JSON_KEYS.get(plain(base), plain(base))
+        unit = unit or of_kind.get(kinds.get(name, ""), "")
+        columns.append(f"{name}_{unit}" if unit else name)
+    cells = tuple(tuple("" if row.get(key) is None else str(row[key]) for key in keys) for row in rows)
+    if "theta" not in [split_unit(name)[0] for name in columns]:
+        unit = f"_{of_kind['angle']}" if of_kind["angle"] else ""
+        columns, cells = [*columns, f"theta{unit}"], tuple((*row, "0") for row in cells)
+    convention = next((str(value).lower() for key, value in told.items() if "convention" in key.lower()), "")
+    found = "modified" if "mod" in convention or "craig" in convention else "standard" if convention else None
+    return UserTable(path, tuple(columns), cells, tuple(range(1, len(cells) + 1)), has_header=True), found
+
+
+def _rows_of(value: object) -> list[dict[str, Any]]:
+    """Joints with a, alpha and d of a JSON's list, or of its dict by their names; [] where it has others."""
+    if isinstance(value, dict):
+        value = [{"name": name, **row} for name, row in value.items() if isinstance(row, dict)]
+    if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
+        return []
+    wanted = {"a", "alpha", "d"}
+    return [] if any(wanted - {plain(split_unit(str(key))[0]) for key in row} for row in value) else value
 
 
 class _Table:
@@ -98,6 +150,9 @@ class _Table:
                 self.fail(i, f"type {types[i][:30]!r}; expected revolute, prismatic or fixed")
         if not self.joints:
             raise RobotFileError(f"{self.path}: has no row of a joint")
+        if self.has("d") and not self.has("type"):
+            slides = [_JOINT.search(cell) is not None for cell in self.words("d", "")]
+            types = ["prismatic" if slide else kind for slide, kind in zip(slides, types, strict=True)]
         self.types = [types[i] for i in self.joints]
         self.names = [names[i] or f"J{k}" for k, i in enumerate(self.joints, 1)]
 
@@ -121,8 +176,10 @@ class _Table:
         name, unit = self._columns[column]
         faults: list[Fault] = []
         filled = [tuple(cell or "0" for cell in row) for row in self.table.rows]
-        if kind == "angle" and unit == "rad":
-            k = self.table.columns.index(name)
+        k = self.table.columns.index(name)
+        if kind == "angle" and not unit and any(_PI.search(row[k]) for row in filled):
+            unit = "rad"
+        if kind in ("angle", "length") and unit != "deg":
             filled = [(*row[:k], _without_pi(row[k]), *row[k + 1 :]) for row in filled]
         out = replace(self.table, rows=tuple(filled)).numbers(name, faults.append)
         if faults:

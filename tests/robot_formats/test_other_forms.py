@@ -77,7 +77,7 @@ def test_a_kinematics_file_may_start_from_another_link_than_robot_toml(tmp_path:
         ("z: 0.1273", "z: &a 0.1273", "line 5: found '&a 0.1273'"),
         ("z: 0.1273", "z: .inf", "line 5: z of shoulder"),
         ("z: 0.1273", "x: 0.1273", "line 5: 'x' stands there twice"),
-        ("    x: 0\n", "    - 0\n", "line 3: found a list"),
+        ("    x: 0\n", "    - 0\n", "shoulder has no x"),
         ("  shoulder:", "\tshoulder:", "line 2: the line is indented by tabs"),
         ("yaw: 0.0003}", "yaw: 0.0003", "line 16: found .* on one line"),
         (UR_YAML, "a: 1\n", "found no block"),

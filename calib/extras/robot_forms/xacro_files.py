@@ -6,6 +6,7 @@ A xacro is a program, which runs as the user does: only a file that the command 
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
@@ -18,6 +19,10 @@ from calib.robot_formats.urdf.safe_xml import parse_xml, read_bytes
 
 _INSTALL = "pip install 'robot-calibration-inspector[xacro]'"
 _PACKAGE = "package.xml"
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_FIND, _ARG = re.compile(r"\$\(find\s+([\w.-]+)\s*\)"), re.compile(r"\$\(arg\s+([\w.-]+)\s*\)")
+_INCLUDE = re.compile(r"<xacro:include\s[^>]*filename=[\"']([^\"']+)[\"']")
+_DEFAULT = re.compile(r"<xacro:arg\s+(?=[^>]*\bdefault\s*=)[^>]*\bname=[\"']([^\"']+)[\"']")
 
 
 def read_xacro(path: Path, reading: ReadOptions) -> RobotFile:
@@ -44,6 +49,13 @@ class _Packages:
         self.known = {name: folder.resolve() for name, folder in given.items()}
         self._file = path.resolve()
 
+    def has(self, name: str) -> bool:
+        """Whether a package is given or found."""
+        try:
+            return bool(self.folder(name))
+        except RobotFileError:
+            return False
+
     def folder(self, name: str) -> str:
         """Folder of a package: given, with a package.xml above the file, or beside the file or such a folder."""
         if name not in self.known:
@@ -61,6 +73,26 @@ def _name_in(path: Path) -> str:
     """Name of a package in its package.xml; the parser keeps no text, so it is looked for between the tags."""
     _, _, behind = read_bytes(path).decode("utf-8", "replace").partition("<name>")
     return behind.partition("</name>")[0].strip()
+
+
+def _lacking(path: Path, arguments: Mapping[str, str], packages: _Packages) -> list[str]:
+    """Options for all packages that are not found and arguments without a value, of a xacro and what it includes."""
+    waiting, seen, finds, uses, given = [path], set[Path](), dict[str, None](), dict[str, None](), set(arguments)
+    while waiting:
+        at = waiting.pop(0).resolve()
+        if at in seen or not at.is_file():
+            continue
+        seen.add(at)
+        text = _COMMENT.sub("", read_bytes(at).decode("utf-8", "replace"))
+        finds |= dict.fromkeys(_FIND.findall(text))
+        uses |= dict.fromkeys(_ARG.findall(text))
+        given |= set(_DEFAULT.findall(text))
+        for name in _INCLUDE.findall(text):
+            found = _FIND.search(name)
+            if found is None or packages.has(found[1]):
+                waiting.append(at.parent / _FIND.sub(lambda one: packages.folder(one[1]), name))
+    missing = [f"--package {name}=FOLDER" for name in finds if not packages.has(name)]
+    return missing + [f"--xacro-arg {name}:=VALUE" for name in uses if name not in given]
 
 
 def _expanded(path: Path, arguments: Mapping[str, str], packages: _Packages) -> str:
@@ -83,6 +115,8 @@ def _expanded(path: Path, arguments: Mapping[str, str], packages: _Packages) -> 
             )
             return str(made.dom.toxml())
     except Exception as error:
+        if lacking := _lacking(path, arguments, packages):
+            raise RobotFileError(f"{path}: xacro: more is needed to expand it: give {' '.join(lacking)}") from None
         words = " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, RecursionError):
             words = "macros or properties go round in a circle"

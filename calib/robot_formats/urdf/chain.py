@@ -6,6 +6,7 @@ is 0."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -126,8 +127,8 @@ def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) ->
         if not tips:
             file.fail(file.root, "no joint moves", "a robot has one at least")
         if len(tips) > 1:
-            file.fail(file.root, "several tips", f"choose one with --tip: {_listed(tips)}")
-        tip = tips[0]
+            file.fail(file.root, "several tips", f"choose one with --tip: {_listed([*_branches(tree), *tips])}")
+        tip = before_jaw(tree, tips[0])
     joints: list[UrdfJoint] = []
     at = tip
     while at in tree.joint_of and at != base:
@@ -151,6 +152,9 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
     """Chain of an arm from the base link's frame to the tip link's frame."""
     joints: list[ChainJoint] = []
     notes: list[str] = []
+    whole = tip_links(arm.tree)
+    if len(whole) == 1 and arm.tip == before_jaw(arm.tree, whole[0]) != whole[0]:
+        notes.append(f"the arm ends at {arm.tip}, before the jaw of its gripper; --tip {whole[0]} takes the jaw along")
     before = np.eye(4)
     last_T_flange: Array | None = None
     following = iter(arm.following)
@@ -200,10 +204,30 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
     )
 
 
+_JAW = re.compile(r"jaw|finger|claw", re.IGNORECASE)
+_GRIPS = re.compile(r"jaw|finger|claw|gripper(?!.*(base|rot|roll|turn|wrist))", re.IGNORECASE)
+
+
 def tip_links(tree: UrdfTree) -> list[str]:
     """End links behind at least one moving joint, the links behind most moving joints first."""
     behind = {link: _moving_before(tree, link) for link, on in tree.joints_on.items() if not on}
     return sorted((link for link, count in behind.items() if count), key=lambda link: -behind[link])
+
+
+def before_jaw(tree: UrdfTree, tip: str) -> str:
+    """Link before a gripper's jaw that a way to a tip ends with; the tip where it ends with none."""
+    at = tip
+    while at in tree.joint_of and not tree.joint_of[at].moves:
+        at = tree.joint_of[at].parent
+    joint = tree.joint_of.get(at)
+    if joint is None or not (_JAW.search(joint.child) or _GRIPS.search(joint.name)):
+        return tip
+    return joint.parent if _moving_before(tree, joint.parent) else tip
+
+
+def _branches(tree: UrdfTree) -> list[str]:
+    """Links behind a moving joint from which several ways lead on, as a wrist that carries two fingers."""
+    return [link for link, on in tree.joints_on.items() if len(on) > 1 and _moving_before(tree, link)]
 
 
 def _moving_before(tree: UrdfTree, link: str) -> int:

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 
@@ -32,7 +33,7 @@ _COLLADA = ".dae"
 _SMALLEST_UNIT, _LARGEST_UNIT = 1e-6, 1e3  # m
 _MOST_BYTES = 50 * 1024**2  # of one mesh
 _PACKAGE = "package.xml"
-_PREFIX = "package://"
+_PREFIX, _FILE = "package://", "file://"
 Packages = Mapping[str, Path]
 
 
@@ -134,6 +135,11 @@ def _file_of(name: str, robot_file: Path, packages: Packages | None) -> tuple[Pa
         if root is None:
             return None, f"package {package[:60]!r} is not known; give its folder by --package {package[:60]}=FOLDER"
         return _inside(root, rest)
+    if name.startswith(_FILE):
+        named = Path(unquote(urlsplit(name).path))
+        if packages is not None and _is_mesh(named):
+            return named, ""
+        return None, f"{name[:80]!r} is no file of this machine, or larger than 50 MB"
     path, why = _inside(here, name)
     if path is None and own is not None and "://" not in name:
         relative = (here / name).resolve()

@@ -6,6 +6,7 @@ attribute and leave every other byte as it is.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,7 @@ from xml.parsers import expat
 
 from calib.robot_formats.chain.serial_chain import RobotFileError
 
+_CONFLICT = re.compile(rb"^<{7} .*(?:\n.*)*?\n={7}\r?\n(?:.*\n)*?>{7} ", re.MULTILINE)  # as git leaves it
 _MOST_BYTES = 64 * 1024 * 1024
 _MOST_ELEMENTS = 1_000_000
 _MOST_DEPTH = 200
@@ -71,6 +73,12 @@ def read_bytes(path: Path, most: int = _MOST_BYTES) -> bytes:
         raise RobotFileError(f"{path}: {error.strerror or error}; name the robot's file") from None
     if len(content) > most:
         raise RobotFileError(f"{path}: is larger than {most // 2**20} MB; a robot's description is a few kB")
+    if (conflict := _CONFLICT.search(content)) is not None:
+        line = content[: conflict.start()].count(b"\n") + 1
+        raise RobotFileError(
+            f"{path}: line {line}: a merge conflict that is not settled; keep one side and remove the marks <<<<<<<, "
+            "======= and >>>>>>>"
+        )
     return content
 
 

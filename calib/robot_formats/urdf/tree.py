@@ -16,6 +16,7 @@ _MOST_LINKS = 5000
 _NO_LIMIT = 1e3  # rad or m
 _MOST = 1e6  # of any number: m, rad, kg
 _MOST_LIMIT = 1e308  # but of limits
+_HARMLESS = ("xacro:property", "xacro:arg")
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
@@ -115,8 +116,9 @@ def _root(roots: list[str], joints_on: Mapping[str, tuple[UrdfJoint, ...]]) -> s
 
 
 def _refuse_xacro(file: XmlFile) -> None:
+    """Raise RobotFileError for a macro; what only defines a name is left over where all names were filled in."""
     for element in file.root.with_all_below():
-        if element.tag.startswith("xacro:"):
+        if element.tag.startswith("xacro:") and element.tag not in _HARMLESS:
             file.fail(
                 element,
                 f"found <{element.tag[:40]}>, a macro that is not expanded",

@@ -158,3 +158,19 @@ def test_the_commands_expand_what_is_named_and_nothing_else(
     with pytest.raises(SystemExit):
         main(["convert", str(arm), str(out), "--xacro-arg", "reach=0.7"])
     assert "is not NAME:=VALUE" in capsys.readouterr().err
+
+
+def test_all_that_is_missing_is_told_at_once(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm.write_text(
+        ARM.replace(
+            "</robot>",
+            '<xacro:include filename="$(find hand_description)/hand.xacro"/><link name="$(arg prefix)x"/>'
+            '<!-- $(find not_used) --><xacro:include filename="$(find desk_description)/desk.xacro"/></robot>',
+        )
+    )
+    assert main(["convert", str(arm), str(arm.with_suffix(".toml"))]) == 2
+    assert (
+        capsys.readouterr()
+        .err.rstrip()
+        .endswith("give --package hand_description=FOLDER --package desk_description=FOLDER --xacro-arg prefix:=VALUE")
+    )
