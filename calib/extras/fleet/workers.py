@@ -89,12 +89,9 @@ def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Work
         if not threads:
             raise CalibError(f"--scheduler {address}: the cluster has no workers; start some")
         place = str(folder.resolve())
-        for worker, seen in client.run(seen_by_worker, place, on_error="return").items():
-            if seen != (versions(), True):
-                raise CalibError(
-                    f"--scheduler {address}: worker {worker} answers {seen!r:.300}; install there the version of this "
-                    f"program, Python, numpy, scipy and pandas that is here, {versions()}, and share {place}"
-                )
+        for worker, fault in client.run(fault_of_worker, place, versions(), on_error="return").items():
+            if fault:  # or the exception that it ended with
+                raise CalibError(f"--scheduler {address}: worker {worker}: {fault}")
         of_dask = client.get_executor(pure=False)  # a pure task would not run again
 
         def start(fn: Callable[..., Any], args: tuple[Any, ...]) -> Future[Any]:
@@ -108,6 +105,11 @@ def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Work
         yield Workers(_Limited(start), sum(threads.values()))
 
 
-def seen_by_worker(folder: str) -> tuple[dict[str, str], bool]:
-    """Versions of a worker's programs, and whether the worker can read the folder; runs on the worker."""
-    return versions(), Path(folder).is_dir()
+def fault_of_worker(folder: str, needed: dict[str, str]) -> str:
+    """Reason why a worker cannot judge the datasets of a folder alike; "" for none. Runs on the worker."""
+    if versions() != needed:
+        return (
+            "has another version of this program, Python, numpy, scipy or pandas; install the same there, or the "
+            "figures would differ"
+        )
+    return "" if Path(folder).is_dir() else f"does not see {folder}; share it"
