@@ -39,6 +39,7 @@ from calib.fitting.table_evidence import TIP, sigmas_near_table
 from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.frames import frames_by_name
 from calib.identifiability.structural import fewest_poses, structural_rank
+from calib.kinematics.cartesian import with_board_anywhere
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.kinematics.statics import uncertain_loads
 from calib.kinematics.tool_point import tool_point_of
@@ -113,7 +114,7 @@ def _calibrated(
         dataset = replace(dataset, noise=options.noise)
     given, dataset = dataset, with_repeats_averaged(dataset, residual)
     observed = Observations.of(dataset)
-    robot = with_observed_targets(dataset.robot, observed)
+    robot = with_observed_targets(with_board_anywhere(dataset.robot), observed)
     if robot.carries_scanner:
         _require_placed(dataset, observed)
     places = place_errors_of(dataset) if options.prior else None  # without a prior they would take any scale

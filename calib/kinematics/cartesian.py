@@ -7,15 +7,17 @@ they follow one another, so that whatever takes an arm takes such poses. Its lin
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from calib import frames
 from calib.array_types import Array
 from calib.errors import FitError
-from calib.kinematics.robot import FixedFrame, Joint, Robot
+from calib.kinematics.robot import TOOL_POINT, FixedFrame, Joint, Robot, Target
 
 _QUARTER = math.pi / 2.0
+_ANYWHERE_MM = 1000.0  # sigma of the place of what is measured on the flange
 _ROWS = (  # name, type, alpha, theta, beta: each row turns the next axis to where the next joint needs it
     ("x", "prismatic", -_QUARTER, 0.0, 0.0),
     ("y", "prismatic", 0.0, 0.0, -_QUARTER),
@@ -33,6 +35,13 @@ def cartesian_arm(name: str) -> Robot:
         for axis, kind, alpha, theta, beta in _ROWS
     )
     return Robot(name, joints, base=FixedFrame(rpy_rad=(0.0, _QUARTER, 0.0)), is_cartesian=True)
+
+
+def with_board_anywhere(robot: Robot) -> Robot:
+    """Robot that stands for poses of a flange, with what is measured on it at no known place; others as they are."""
+    if not robot.is_cartesian or robot.carries_scanner:
+        return robot
+    return replace(robot, targets=(Target(TOOL_POINT, (0.0, 0.0, 0.0), _ANYWHERE_MM),))
 
 
 def require_links(robot: Robot, what: str) -> None:

@@ -67,7 +67,7 @@ def test_the_way_of_writing_attitudes_is_found_from_what_the_camera_saw(cells, t
     assert f"the camera is {'on the flange' if scene.on_flange else 'in the room'}" in said.out
     assert ("nothing of its links" in said.err) == (form == "kuka")
     off_mm, sigma_mm = _camera_error_mm(out, scene, capsys)
-    assert off_mm < 3.0 * sigma_mm < 2.0
+    assert off_mm < 3.0 * sigma_mm < 2.5
 
 
 @pytest.mark.parametrize(("tool", "mount"), [("easy_handeye", 0), ("easy_handeye", 1), ("moveit", 1), ("opencv", 0)])

@@ -257,6 +257,16 @@ def test_places_of_cameras_by_poses_of_the_flange_are_as_certain_as_told(on_flan
     assert np.sqrt(np.mean(np.square(off))) > 0.5
 
 
+def test_a_board_on_a_flange_may_be_anywhere_however_few_the_poses():
+    """Held near the flange's own origin, the place of a camera in the room was 100 mm off."""
+    rng = np.random.default_rng(9)
+    scene = Scene.draw(rng, on_flange=False, poses=5)
+    dataset = flange_poses_dataset(scene, rng, sigma_mm=0.5, sigma_deg=0.05)
+    (place,) = camera_places(calibrate(dataset, residual="pose"))
+    assert np.linalg.norm(place_errors(scene, place)[:3]) < 5.0
+    assert np.linalg.norm(place.board_parent_T_board[:3, 3] - scene.parent_T_board[:3, 3]) < 5.0
+
+
 @pytest.mark.parametrize("moved_mm", [0.0, 1.0])
 def test_a_comparison_tells_whether_the_camera_stands_elsewhere(moved_mm):
     rng = np.random.default_rng(31)
