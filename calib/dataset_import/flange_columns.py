@@ -8,7 +8,8 @@ vector; ABB's quaternions begin with w, ROS's end with it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from calib.text_files.column_names import plain, split_unit
@@ -27,6 +28,7 @@ _TURNS = {
     ("r1", "r2", "r3"): ANY_FORM,
 }
 _QUATERNIONS = (("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"))  # of the second the file does not tell the order
+_ENTRY = re.compile(r"([a-z]+?)([0-4])([0-4])")  # of a matrix, by its row and column
 _PLACES = (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"))
 
 
@@ -64,6 +66,24 @@ def flange_columns(table: UserTable) -> FlangeColumns | None:
         for quaternion in _QUATERNIONS:
             if (attitude := found(quaternion)) and "q5" not in names:  # else they are joints
                 return FlangeColumns(place, attitude, ())
+    return _matrix(names)
+
+
+def _matrix(names: Mapping[str, str]) -> FlangeColumns | None:
+    """Columns of a matrix by row and column, such as m00 ... m23, or r11 ... r33 with tx, ty, tz; row by row."""
+    of_stem: dict[str, dict[tuple[int, int], str]] = {}
+    for base, name in names.items():
+        if match := _ENTRY.fullmatch(base):
+            of_stem.setdefault(match[1], {})[int(match[2]), int(match[3])] = name
+    for entries in of_stem.values():
+        first = min(entries)[0]
+        place = next((each for each in _PLACES if all(axis in names for axis in each)), ())
+        if len(entries) == 9 and place:
+            entries |= {(first + k, first + 3): names[axis] for k, axis in enumerate(place)}
+        size = len(entries) // 4
+        whole = {(first + i, first + j) for i in range(size) for j in range(4)}
+        if size in (3, 4) and entries.keys() == whole:
+            return FlangeColumns((), tuple(entries[key] for key in sorted(entries)), ())
     return None
 
 

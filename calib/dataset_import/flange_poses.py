@@ -167,7 +167,8 @@ def _of_matrices(numbers: Array, used: tuple[str, ...]) -> list[FlangePoses]:
     out = []
     for matrix, how in ((rows, "row by row"), (turned, "column by column")):
         rotation = matrix[:, :3, :3]
-        if np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max() < 1e-2:
+        is_whole = np.allclose(matrix[:, 3:], [0.0, 0.0, 0.0, 1.0], atol=1e-6)  # of rows of 16
+        if is_whole and np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max() < 1e-2:
             scale, length = _length("", matrix[:, :3, 3])
             form = f"its numbers are matrices, {how}, in {length}"
             out.append(FlangePoses(frames.make_transform(rotation, matrix[:, :3, 3] * scale), form, used))
