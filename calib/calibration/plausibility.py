@@ -50,10 +50,11 @@ def implausibility_reason(calibration: Calibration) -> str:
         return f"the model does not describe these data: {beyond}; {remedy}"
     residual_mm, span_mm = _measured_sigma_mm(calibration), _span_mm(calibration)
     if residual_mm > MAX_SHARE_OF_SPAN * span_mm:
-        return (
-            f"the model does not describe these data: {residual_mm:.3g} mm per coordinate are left of points "
-            f"that spread over {span_mm:.3g} mm; {remedy}"
-        )
+        left = f"the model does not describe these data: {residual_mm:.3g} mm per coordinate are left"
+        points = calibration.dataset.points
+        if points is not None and len(points) > 1 and not np.ptp(points.xyz_mm, axis=0).any():
+            return f"{left}, since all {len(points)} points are one place, at which the joints do not hold the tool"
+        return f"{left} of points that spread over {span_mm:.3g} mm; {remedy}"
     return ""
 
 

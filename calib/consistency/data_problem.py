@@ -61,6 +61,7 @@ _LEAST_DOF = 4.0  # degrees of freedom at least
 MIN_LEAD = 4.0  # log evidence over the effects that were found, where it makes one of them superfluous
 CHOICE = 4.4  # log of what an effect may be chosen from, some thirty families of a scale that is fitted to the data
 NOT_NOISIER = 1.1  # times the noise that those effects leave, which it may leave without that one
+_ONE_PLACE_MM = 1e-6  # spread of points that are one: rounding of their mean
 _LENGTH_COST = 10.0  # log of a range of half a metre over some ten micrometres
 _SLACK = 0.03  # share of the most log evidence that a simpler hypothesis may lack
 _AS_GOOD = 3.0  # log evidence by which another hypothesis may be behind and still be as good
@@ -148,7 +149,7 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = (), by_pla
         found = _units_problem(now, refit, sample)
         if found is not None:
             return Suspicions(found)
-    of_one_place = sample is not None and not sample.spread_mm > 0.0
+    of_one_place = sample is not None and not sample.spread_mm > _ONE_PLACE_MM
     if is_quiet(now) or not _is_judged(now) or of_one_place:
         return Suspicions(None)
     tried = _FittedHypotheses(now, refit, by_places)
@@ -403,9 +404,8 @@ class _FittedHypotheses:
     def _is_believed(self, hypothesis: DataHypothesis) -> bool:
         now, then = self.now.fit.reduced_chi, self.fits[hypothesis].fit.reduced_chi
         gain = self._gain(hypothesis)
-        if hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now:
-            return True
-        if not self.beyond_effects or gain <= MIN_GAIN or now <= LEAST_FACTOR * then:
+        by_table = hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now
+        if not by_table and (not self.beyond_effects or gain <= MIN_GAIN or now <= LEAST_FACTOR * then):
             return False
         # What still leaves most points where no effect could is not the mistake, or not the whole of it.
         left_mm = float(np.median(np.linalg.norm(self.fits[hypothesis].after.error_mm, axis=1)))

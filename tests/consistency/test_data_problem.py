@@ -223,3 +223,12 @@ def test_bad_rows_turn_no_joint_and_no_unit(share: float) -> None:
         xyz_mm[bad] += wrong
         moved = dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
         assert suspicions(calibrate(moved), calibrate).problem is None
+
+
+def test_points_that_are_all_one_place_accuse_no_table() -> None:
+    dataset = with_points(simulated("rb5", 1), 0.0)
+    assert dataset.points is not None
+    places = np.full_like(dataset.points.xyz_mm, 100.0 / 3.0)
+    found = diagnose(replace(dataset, points=replace(dataset.points, xyz_mm=places)))
+    assert found.data_problem is None
+    assert f"all {len(places)} points are one place" in found.summary()
