@@ -33,6 +33,7 @@ _OFFSET_NM = 1e3
 _FEWEST_REPEATS = 5  # degrees of freedom from which repeats tell the noise
 _ROUNDS = 30
 _SHOWN = 0.1  # of a reading's noise over all poses, below which a direction of the weights explains nothing
+_LEAST_EXPLAINED = 0.01  # share of a torque's variance by weight, below which it is no load
 _WELL_EXPLAINED = 0.98  # share of a torque's variance by weight, below which the rest deserves a warning
 _NOISY = 0.05  # share of the largest torque's variation, above which noise deserves a warning
 BETWEEN_JOINTS = "what no weight explains"
@@ -66,7 +67,8 @@ class _Readings:
 def with_measured_loads(dataset: Dataset) -> Dataset:
     """The dataset whose robot takes the loads of joints from their measured torques, with notes that say so.
 
-    The dataset itself where no torque was measured. Torques that do not follow the weight of an arm are not used.
+    The dataset itself where no torque was measured. Torques that do not follow the weight of an arm are not used, nor
+    are those of a joint that no weight pulls at.
     """
     poses, robot = dataset.poses, dataset.robot
     turning = robot.revolute_joints
@@ -94,6 +96,10 @@ def with_measured_loads(dataset: Dataset) -> Dataset:
     fits = [_weights(readings, j, sign) for j in found]
     noise_share = _noise_share(readings, fits)
     loads = tuple(_load(readings, one, declared_nm, noise_share) for one in fits)
+    loads = tuple(load for load in loads if load.explained > _LEAST_EXPLAINED)
+    if not loads:
+        return dataset
+    columns = numbers.listing([f"torque{load.joint + 1}_nm" for load in loads])
     largest_nm = max(float(np.std(fit.torque_nm[trained])) for fit in fits)
     doubtful = [load for load in loads if _is_doubtful(load, largest_nm)]
     return replace(

@@ -16,7 +16,7 @@ from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
 from calib.calibration.result import Calibration
 from calib.effects.catalogue import effects_for
-from calib.effects.effect import Effect, Family, full_name
+from calib.effects.effect import Effect, Family, exceeded_bound, full_name
 from calib.lazy_modules import pd
 from calib.screening.evidence import Evidence, holm, most_columns
 from calib.screening.left_out import cross_validated_rmse_mm
@@ -24,6 +24,7 @@ from calib.screening.member_columns import VisibleColumns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
 MIN_LOG_BAYES_FACTOR = 3.0  # of one effect over another that could explain the same, from which it leads
+DECADES_BEYOND = 0.3  # standard deviation of a size beyond nature's bound: twice as large as known ones
 MIN_CONFOUNDED_OVERLAP = 0.5  # share of what one effect explains that another could explain, from which it counts
 
 
@@ -44,7 +45,7 @@ class Candidate(Brief):
     family: Family
     p_value: float
     p_holm: float
-    log_evidence: float
+    log_evidence: float  # less what sizes beyond nature cost
     explained_share: float  # of the residual's sum of squares
     cv_rmse_mm: float  # RMS per coordinate when each pose is predicted from the others, linearised
     members: tuple[Effect, ...]  # that carry it
@@ -205,21 +206,23 @@ def _candidate(
     sigma = np.maximum(spread, 1e-9) * np.sqrt(turn**2 @ (1.0 / (1.0 + np.maximum(square, 0.0))))
     values: list[Value] = []
     prior_sigmas: dict[str, float] = {}
+    decades = 0.0  # beyond nature's bound, where an effect has one
     for i in active:
-        for parameter, coefficient in zip(family.members[i].parameters, evidence.coefficients[i], strict=True):
-            name = full_name(family.members[i], parameter)
-            scale = parameter.scale
-            values.append(
-                Value(name, float(coefficient) * scale, float(sigma[len(prior_sigmas)]) * scale, parameter.unit)
-            )
+        member = family.members[i]
+        for parameter, coefficient in zip(member.parameters, evidence.coefficients[i], strict=True):
+            name, scale = full_name(member, parameter), parameter.scale
+            one = Value(name, float(coefficient) * scale, float(sigma[len(prior_sigmas)]) * scale, parameter.unit)
+            values.append(one)
             prior_sigmas[name] = float(evidence.scales[i]) * scale
+            if (bound := exceeded_bound(member, parameter, one.value, one.sigma)) is not None:
+                decades = max(decades, float(np.log10((abs(one.value) - 2.0 * one.sigma) / bound.size)))
     total = float(projected.residual @ projected.residual)
     rest = projected.residual + evidence.explained  # the residual is predicted minus measured
     return Candidate(
         family=family,
         p_value=evidence.p_value,
         p_holm=p_holm,
-        log_evidence=evidence.log_evidence,
+        log_evidence=max(evidence.log_evidence - 0.5 * (decades / DECADES_BEYOND) ** 2, 0.0),
         explained_share=1.0 - float(rest @ rest) / total if total > 0.0 else 0.0,
         cv_rmse_mm=cross_validated_rmse_mm(projected, columns, spread),
         members=tuple(family.members[i] for i in active),

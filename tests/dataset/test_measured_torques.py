@@ -126,3 +126,9 @@ def test_a_word_for_a_torque_is_an_error_with_its_place(tmp_path: Path, cell: Me
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     with pytest.raises(DatasetError, match=r"poses\.csv: line 4, column torque3_nm: found 'much'; a number is needed"):
         load_dataset(tmp_path / "cell")
+
+
+def test_a_torque_that_no_weight_makes_is_no_load(tmp_path: Path, cell: Measured) -> None:
+    dataset = write(tmp_path / "cell", cell, columns(cell, 0.3, joints=(0, 1, 2)))
+    assert [load.joint for load in dataset.robot.measured_loads] == [1, 2]
+    assert "torque1_nm" not in dataset.notes[0]
