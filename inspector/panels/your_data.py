@@ -142,9 +142,10 @@ class YourDataWindow:
 
         for widget in (
             self.skip, self.robot, self.tip, self.convention, self.model, self.joints, self.points,
-            *self.told.values(),
         ):  # fmt: skip
             widget.on_update(choose)
+        for field in self.told.values():
+            field.on_update(choose)
         self.open.on_click(lambda _: actions.finish(client))
         self.cancel.on_click(lambda _: actions.cancel(client))
 
