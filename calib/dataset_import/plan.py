@@ -398,6 +398,12 @@ class _Planning:
         columns = [joints.meant.columns[name] for name in names]
         near = None if seen is None else point_of_each_pose(len(q_file), seen, self.row_of)
         units, how = joint_units(report.robot, q_file, [column.unit for column in columns], near)
+        if len(q_file) > 1 and not np.ptp(q_file, axis=0).any():
+            report.fault(
+                f"{joints.path}: the joints are the same in all {len(q_file)} rows: nothing can be learned from them; "
+                "log them anew at each measurement"
+            )
+            return self.plan()
         report.notes.append(
             f"{joints.path}: joints are {', '.join(column.name for column in columns)}"
             + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")

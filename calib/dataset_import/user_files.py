@@ -143,8 +143,8 @@ def _owned_folders(paths: Sequence[Path]) -> set[Path]:
 
 def _stands_alone(path: Path) -> bool:
     """Whether a file below a source's folder is no part of it: a robot or a table beside the source's own files."""
-    marks = {mark for source in contributions(ImportSource) for mark in source.folder_marks}
-    return bool(forms_of(path) or path.suffix.lower() in _TABLES) and path.name not in marks
+    marks = tuple(f"/{mark}" for source in contributions(ImportSource) for mark in source.folder_marks)
+    return bool(forms_of(path) or path.suffix.lower() in _TABLES) and not path.as_posix().endswith(marks)
 
 
 def _judged(path: Path) -> UserFile:

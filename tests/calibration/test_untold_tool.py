@@ -26,9 +26,9 @@ def test_a_compliance_is_within_its_sigma_of_that_with_the_mass(seed: int) -> No
     untold = replace(plain, tool=replace(plain.tool, mass_kg=None, com_mm=None))
     light = replace(heavy, robot=untold, poses=replace(heavy.poses, payload_kg=None))
     known, found = (calibrate(one, effects=effects_named(one, [SOFT])) for one in (heavy, light))
-    asked = [line for line in calibration_warnings(found) if "give its mass, mass_kg under [tool]" in line]
+    asked = [line for line in calibration_warnings(found) if "set it as mass_kg under [tool]" in line]
     assert len(asked) == 1
-    assert not any("give its mass" in line for line in calibration_warnings(known))
+    assert not any("set it as mass_kg" in line for line in calibration_warnings(known))
     for name, (value, sigma) in found.fit.by_name.items():
         if name.startswith(SOFT):
             assert (

@@ -45,7 +45,7 @@ def test_a_plain_urdf_is_the_same_arm(urdf: Path, tmp_path: Path, capsys: pytest
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["arm.urdf", "robot.toml"], "several tips; choose one with --tip: finger, tool0"),
+        (["arm.urdf", "robot.toml"], "several tips; choose one with --tip: flange, finger, tool0"),
         (
             ["arm.urdf", "robot.toml", "--tip", "tool9"],
             "there is no link 'tool9'; the tips are finger, tool0",
