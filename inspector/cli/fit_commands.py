@@ -154,7 +154,11 @@ def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list
 
 def brief_text(result: Diagnosis, poses: NextPoses | None, path: Path) -> str:
     """Terminal text of a diagnosis without the reasons."""
-    what_next = [*planned_next(result, poses, path), *without(result.calibration.fitted_dataset), MORE]
+    moved = [
+        f"inspector diagnose {path} --new-setup {move.before} takes the instrument as set up anew from there on"
+        for move in result.instrument_moved
+    ]
+    what_next = [*moved, *planned_next(result, poses, path), *without(result.calibration.fitted_dataset), MORE]
     return plain_text(brief_presentation(result, what_next))
 
 
