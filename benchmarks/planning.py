@@ -37,7 +37,7 @@ from calib.kinematics.robot import Joint, Robot
 from calib.measurement.measured_points import with_corners
 from calib.planning.exchange import best_poses
 from calib.planning.plan import Plan, plan_poses
-from calib.planning.question import VOLUME, Question
+from calib.planning.question import VOLUME, OptimalityCriterion
 from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.simulation.truth.arm_sampling import TYPICAL, Tolerances, draw_truth
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
@@ -100,7 +100,7 @@ def by_criterion(plan: Plan, count: int, *, exchange: bool) -> Array:
     robot_start = plan.start
     offered = robot_start.poses_at(candidates_of(robot_start, 800))
     unknowns = robot_start.unknowns()
-    question = Question(unknowns.rows(offered), unknowns.prior_information, unknowns.of_parameters(), VOLUME)
+    question = OptimalityCriterion(unknowns.rows(offered), unknowns.prior_information, unknowns.of_parameters(), VOLUME)
     return offered.q[best_poses([question], count, exchange=exchange).rows]
 
 

@@ -42,7 +42,7 @@ from calib import diagnose
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.probabilities import UNKNOWN, Answer, cause_probabilities, questions
+from calib.diagnosis.probabilities import UNKNOWN, CauseOption, cause_probabilities, questions
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
 from tests.support.engine import cases as engine
@@ -187,7 +187,7 @@ def true_causes(one: Judged) -> set[str]:
 
 def learned(found: Sequence[Judged]) -> dict[str, float]:
     """Weights of highest posterior probability: conditional logit over all questions, with a normal prior."""
-    asked: list[tuple[tuple[Answer, ...], int]] = []
+    asked: list[tuple[tuple[CauseOption, ...], int]] = []
     for one in found:
         for answers, true in zip(questions(one.found), true_answers(one), strict=True):
             asked.append((answers, [answer.cause for answer in answers].index(true)))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Unpack
 
 from calib.api.fits import as_calibration
-from calib.api.loading import measured_as_asked
+from calib.api.loading import load_with_options
 from calib.calibration.result import FittedResult
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.diagnose import whole_diagnosis
@@ -70,7 +70,7 @@ def diagnose(
     >>> found.predict(found.calibration.dataset.poses.q[:2]).shape
     (2, 3)
     """
-    dataset, options = measured_as_asked(dataset, options, keywords)
+    dataset, options = load_with_options(dataset, options, keywords)
     space = SearchSpace.of(
         dataset,
         options,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Unpack
 
-from calib.api.loading import measured_as_asked
+from calib.api.loading import load_with_options
 from calib.calibration.calibrate import fit_measured
 from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
@@ -50,7 +50,7 @@ def calibrate(
     >>> fit.model.family_names
     ('transmission_error',)
     """
-    dataset, options = measured_as_asked(dataset, options, keywords)
+    dataset, options = load_with_options(dataset, options, keywords)
     return fit_measured(
         dataset, options, effects=effects_named(dataset, effects), prior_sigmas=prior_sigmas, start=start
     )

@@ -10,7 +10,7 @@ from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
 
 
-def asked_of(
+def options_with(
     dataset: Dataset | str | Path, options: FitOptions | None, keywords: FitFields
 ) -> tuple[Dataset, FitOptions]:
     """The dataset, read where a path is given, and a fit's options; the dataset's usual residual unless one is named.
@@ -24,9 +24,9 @@ def asked_of(
     return dataset, asked
 
 
-def measured_as_asked(
+def load_with_options(
     dataset: Dataset | str | Path, options: FitOptions | None, keywords: FitFields
 ) -> tuple[Dataset, FitOptions]:
     """The same with measured points, as of `measured`."""
-    dataset, asked = asked_of(dataset, options, keywords)
+    dataset, asked = options_with(dataset, options, keywords)
     return measured(dataset, orientation=asked.residual == "pose"), asked

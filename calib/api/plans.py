@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.api.loading import asked_of
+from calib.api.loading import options_with
 from calib.calibration.result import FittedResult
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.diagnose import whole_diagnosis
@@ -77,7 +77,7 @@ def plan(
     Plan(hidden_effect_a: 3 poses for calibration, predicted RMSE 0.06... -> 0.05... mm)
     """
     if isinstance(known, Dataset) or (isinstance(known, str | Path) and Path(known).is_dir()):
-        known, options = asked_of(known, options, keywords)
+        known, options = options_with(known, options, keywords)
     else:
         options = fit_options(options, keywords)
     scanner = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)

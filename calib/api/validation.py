@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 
 from calib.api.fits import as_calibration
-from calib.api.loading import asked_of, measured_as_asked
+from calib.api.loading import load_with_options, options_with
 from calib.calibration.result import FittedResult
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
@@ -56,7 +56,7 @@ def cross_validate(
     >>> calib.cross_validate("sample_data/hidden_effect_a", effects="transmission_error")
     CrossValidation(hidden_effect_a: 5 folds, held-out RMSE 0.1... mm)
     """
-    dataset, options = measured_as_asked(dataset, options, keywords)
+    dataset, options = load_with_options(dataset, options, keywords)
     members = effects_named(dataset, effects)
     with counted("fits", "fit", asked=progress, then=on_progress) as tell:
         return cross_validation_of(dataset, options, folds=folds, effects=members, rng=rng, on_progress=tell)
@@ -97,7 +97,7 @@ def learning_curve(
     >>> calib.learning_curve("sample_data/hidden_effect_a", repeats=2)
     LearningCurve(hidden_effect_a: 11 to 51 poses, held-out RMSE ... -> 0.415 mm)
     """
-    dataset, options = measured_as_asked(dataset, options, keywords)
+    dataset, options = load_with_options(dataset, options, keywords)
     members = effects_named(dataset, effects)
     with counted("fits", "fit", asked=progress, then=on_progress) as tell:
         return learning_curve_of(
@@ -132,7 +132,7 @@ def check(
     >>> calib.check("sample_data/hidden_effect_a")
     Check(hidden_effect_a: passed, 1 warnings)
     """
-    dataset, options = asked_of(dataset, options, keywords)
+    dataset, options = options_with(dataset, options, keywords)
     if searches is None and dataset.points is None and dataset.scan_folder is not None:
         searches = find_targets(dataset, intermediate=False)
     if searches:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
-from calib.calibration.arm_as_noise import ROUNDS, arm_noise, counts_arm_as_noise, with_arm_noise
+from calib.calibration.arm_error_covariance import ROUNDS, arm_noise, counts_arm_as_noise, with_arm_noise
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset

@@ -278,7 +278,7 @@ def _parameter_roots(calibration: Calibration) -> tuple[Array, Array]:
     is_length = np.array([p.unit == "mm" for p in model.parameters], dtype=bool)
     shares = np.stack([np.sum(ways[rows] ** 2, axis=0) for rows in (of_links & is_length, of_links & ~is_length)], -1)
     square = np.maximum((ways.T @ ((x - model.means) / scales)) ** 2 - variances, 0.0)
-    if of_links.any() and told.any() and calibration.fits_links and not calibration.holds_table:
+    if of_links.any() and told.any() and calibration.fits_links and not calibration.links_fixed_to_table:
         size = np.clip(nnls(shares[told], square[told])[0], _LEAST_SHARE**2, 1.0)
         variances = np.where(told, variances, variances * (1.0 + shares @ (size - 1.0)))
     return np.asarray(scales[:, None] * ways * np.sqrt(np.maximum(variances, 0.0))), np.asarray(told)

@@ -42,7 +42,7 @@ def implausibility_reason(calibration: Calibration) -> str:
         k = int(tolerances.argmax())
         p = fit.parameters[k]
         return (
-            f"the model does not describe these data: the fit moved {p.name} by {told_size(fit.x[k], p.unit)}, "
+            f"the model does not describe these data: the fit moved {p.name} by {size_text(fit.x[k], p.unit)}, "
             f"{tolerances[k]:.0f} times its tolerance; {remedy}, or give it the tolerance that it has"
         )
     beyond = beyond_nature(calibration)
@@ -67,14 +67,14 @@ def beyond_nature(calibration: Calibration) -> str:
             bound = exceeded_bound(effect, parameter, size, sigma)
             if bound is not None and abs(size) - 2.0 * sigma > bound.refused * bound.size:
                 return (
-                    f"{full_name(effect, parameter)} came out as {told_size(size, parameter.unit)}, "
+                    f"{full_name(effect, parameter)} came out as {size_text(size, parameter.unit)}, "
                     f"{abs(size) / bound.size:.0f} times the most that such a cause has been known to have "
                     f"({bound.size:g} {bound.unit}; {bound.source})"
                 )
     return ""
 
 
-def told_size(value: float, unit: str) -> str:
+def size_text(value: float, unit: str) -> str:
     """Value with its unit as text, angles in degrees: "0.35 mm", "56.7 deg"."""
     return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g} {unit}"
 

@@ -231,7 +231,7 @@ class Calibration(FittedResult, Presented):
         return tuple(poses.ids[i] for i in np.flatnonzero(beyond) if i in measured)
 
     @property
-    def holds_table(self) -> bool:
+    def links_fixed_to_table(self) -> bool:
         """Whether the links are held as robot.toml has them, because the points show that they have no errors."""
         return self.model.robot.parameter_names[0] in self.model.prior_sigmas
 
@@ -266,7 +266,7 @@ class Calibration(FittedResult, Presented):
         The training error can rise in a fit of distances, or without a prior. With the links held as in robot.toml
         nothing of the arm changes, and a rise is that of the instrument's frame.
         """
-        if self.holds_table or not self.fits_links:
+        if self.links_fixed_to_table or not self.fits_links:
             return None
         for role, before, after in (
             ("test", self.before.test, self.after.test),

@@ -75,7 +75,7 @@ def _best_mm(robot: Robot, sample: Sample) -> float:
     return float(scale * np.sqrt(2.0 * best.cost / len(seen)))
 
 
-def told(name: str, off_mm: float) -> tuple[bool, str]:
+def agreement_note(name: str, off_mm: float) -> tuple[bool, str]:
     """Whether the controller and the table are one, and the sentence that says so."""
     if off_mm <= AGREES_MM:
         return True, (

@@ -54,7 +54,7 @@ class Sheet:
 
 
 @dataclass(frozen=True)
-class Settled:
+class ResolvedConventions:
     """Chosen robot, with what it is commanded by the joints' columns, which follow an order; with the reason."""
 
     robot: RobotFile
@@ -110,12 +110,12 @@ def _commanded(robot: Robot, coupling: Array, zeros: Array) -> Robot:
     return robot.with_commands(before @ coupling, before @ zeros + robot.zeros)
 
 
-def _as_read(robot: RobotFile, reading: JointReading, why: str) -> Settled:
+def _as_read(robot: RobotFile, reading: JointReading, why: str) -> ResolvedConventions:
     """The choice of a robot whose joint values are what a reading makes of those that the columns give now."""
     arm, order = robot.robot, list(reading.order)
     now = np.array(arm.coupling)[np.ix_(order, order)] if arm.coupling else np.eye(arm.n_joints)
     arm = arm.with_commands(reading.coupling @ now, reading.coupling @ arm.zeros[order] + reading.offsets_rad)
-    return Settled(replace(robot, robot=arm), reading, why)
+    return ResolvedConventions(replace(robot, robot=arm), reading, why)
 
 
 def has_known_unit(
@@ -141,7 +141,7 @@ def settled(
     sheet: Sheet | None,
     joints: MeantTable,
     placements: Sequence[str] = (),
-) -> Settled:
+) -> ResolvedConventions:
     """Robot convention, and order, signs and zeros of the joints, that fit the points best; as given unless far worse.
 
     sheet  # None where no point belongs to a pose
@@ -150,7 +150,7 @@ def settled(
     sample, meant, table = None if sheet is None else sheet.sample, joints.meant, joints.path
     asked = readings[0]
     plain = JointReading.plain(asked.robot.robot.n_joints)
-    as_it_is = Settled(asked.robot, plain)
+    as_it_is = ResolvedConventions(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
         report.notes.append(f"{asked.robot.robot.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
     if asked.robot.robot.is_cartesian:
@@ -172,7 +172,7 @@ def settled(
             f"{best.robot.robot.name}: its table is {TABLE_KINDS[best.convention]}, with which the nominal arm misses "
             f"the points by {least:.3g} mm rms, and with the other one by {worse:.3g} mm"
         )
-        return Settled(best.robot, plain)
+        return ResolvedConventions(best.robot, plain)
     if best is not asked and near and misfits[0] >= GAIN * least:
         report.notes.append(
             f"{asked.robot.robot.name}: its table is taken for {TABLE_KINDS[best.convention]}: so read, the nominal "
@@ -180,7 +180,7 @@ def settled(
             f"{TABLE_KINDS[asked.convention]}, which robot.toml is written in"
         )
         report.notes += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
-        return Settled(best.robot, plain)
+        return ResolvedConventions(best.robot, plain)
     names = [joints.named(f"q{k + 1}") for k in range(asked.robot.robot.n_joints)]
     scale_mm = _scale_mm(asked.robot.robot, sample)
     is_told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if _is_joint(name))

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array, Vector
-from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
-from calib.consistency.own_pose import told as own_pose_told
+from calib.consistency.own_pose import agreement_note, own_pose_columns, table_disagreement_mm
 from calib.corners.edge_length import measured_edge_mm
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import (
@@ -549,7 +548,7 @@ class _Planning:
         unit = unit if unit in LENGTHS_MM else length_unit(robot, q[known], places[known])[0]
         off_mm = table_disagreement_mm(robot, q[known], places[known] * LENGTHS_MM[unit])
         if off_mm is not None:
-            agrees, sentence = own_pose_told(f"{table.path}: {names[0]} ...", off_mm)
+            agrees, sentence = agreement_note(f"{table.path}: {names[0]} ...", off_mm)
             (self.report.notes if agrees else self.report.doubts).append(sentence)
 
 

@@ -32,13 +32,13 @@ from calib.diagnosis.moves import (
     LeaveOutPoses,
     Move,
     Search,
+    SearchEnd,
     ShapeNoise,
-    Stop,
     Tell,
-    gone,
+    dropped_effects,
+    fit_step_after,
     next_effect,
     search_stepwise,
-    step_of,
 )
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit
@@ -62,7 +62,7 @@ def whole_diagnosis(space: SearchSpace, on_step: OnStep | None = None) -> Diagno
     tell("fitting the geometry")
     first = first_fit(space)
     tell("holding joints, points and table against each other")
-    model = Model((first,), suspicions=data_suspicions(space, first))
+    model = SearchState((first,), suspicions=data_suspicions(space, first))
     while not isinstance(move := next_move(space, model := model.ranked(space), tell), Diagnosis):
         model = model.after(move)
     return move
@@ -72,7 +72,7 @@ def whole_diagnosis(space: SearchSpace, on_step: OnStep | None = None) -> Diagno
 
 
 @dataclass(frozen=True)
-class Model:
+class SearchState:
     """A model in the course of a diagnosis, with the fit steps that led to it."""
 
     steps: tuple[FitStep, ...]  # that led to it
@@ -81,21 +81,25 @@ class Model:
     suspicions: Suspicions | None = None  # on the data, where they were asked for already
     diagnosis: Diagnosis | None = None  # of it, where a move brought one
 
-    def ranked(self, space: SearchSpace) -> Model:
+    def ranked(self, space: SearchSpace) -> SearchState:
         """The model with its last step screened, which all that follows then shares."""
         return replace(self, steps=(*self.steps[:-1], space.ranked(self.steps[-1])))
 
-    def after(self, move: Move) -> Model:
+    def after(self, move: Move) -> SearchState:
         """The model that results from a move (adding or dropping an effect, say)."""
         match move:
             case AddEffect() | DropEffect():
-                dropped = self.dropped.union(gone(move))
-                return Model((*self.steps, step_of(self.steps[-1], move)), dropped, suspicions=self.suspicions)
+                dropped = self.dropped.union(dropped_effects(move))
+                return SearchState(
+                    (*self.steps, fit_step_after(self.steps[-1], move)), dropped, suspicions=self.suspicions
+                )
             case LeaveOutPoses() | ShapeNoise() | AddCurves():
-                return Model(move.diagnosis.steps, self.dropped, suspicions=self.suspicions, diagnosis=move.diagnosis)
+                return SearchState(
+                    move.diagnosis.steps, self.dropped, suspicions=self.suspicions, diagnosis=move.diagnosis
+                )
 
 
-def next_move(space: SearchSpace, model: Model, tell: Tell = lambda line: None) -> Move | Diagnosis:
+def next_move(space: SearchSpace, model: SearchState, tell: Tell = lambda line: None) -> Move | Diagnosis:
     """The next move of the diagnosis from a model, or the final diagnosis where no move remains."""
     if model.diagnosis is not None:
         return _closing_move(space, model.diagnosis, tell) or model.diagnosis
@@ -106,7 +110,7 @@ def next_move(space: SearchSpace, model: Model, tell: Tell = lambda line: None) 
         return _diagnosis_of_problem(of_fits, first, doubts.problem)
     steps = (*model.steps[:-1], of_fits.ranked(last))
     move = next_effect(of_fits, steps[-1], model.dropped, tell)
-    if not isinstance(move, Stop):
+    if not isinstance(move, SearchEnd):
         return move
     tell("judging what is left")
     diagnosis = diagnosis_of_model(space, steps, move, model.tests)
@@ -131,7 +135,7 @@ def data_suspicions(space: SearchSpace, first: FitStep) -> Suspicions:
 
 def _diagnosis_of_problem(space: SearchSpace, first: FitStep, problem: DataProblem) -> Diagnosis:
     """Diagnosis of a dataset with a mistake in its data: the fit without effects, and no effect named."""
-    return replace(diagnosis_of_model(space, [space.ranked(first)], Stop()), data_problem=problem)
+    return replace(diagnosis_of_model(space, [space.ranked(first)], SearchEnd()), data_problem=problem)
 
 
 def _problem_given_effects(

@@ -14,12 +14,12 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import is_convincing, predicts_worse
 from calib.diagnosis.effect_selection import FitStep, couplings_given, selected_curves
 from calib.diagnosis.model_diagnosis import diagnosis_of_model, with_learned
-from calib.diagnosis.moves import AddCurves, Stop, Tell
+from calib.diagnosis.moves import AddCurves, SearchEnd, Tell
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after
 from calib.effects.effect import full_name
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
-from calib.screening.curves.joint_curves import LearnedCurves, says_as_much
+from calib.screening.curves.joint_curves import LearnedCurves, explains_as_much
 from calib.screening.curves.law_search import MIN_FIRST_GAIN, MIN_FURTHER_GAIN, MIN_STANDARD_ERRORS, FoundLaws
 from calib.screening.curves.smooth_joint_error import LEARNED, CouplingModes
 from calib.screening.left_out import left_out_gain
@@ -86,7 +86,7 @@ def _take_their_place(laws: _Laws, curves: LearnedCurves | None, diagnosis: Diag
     if curves is None:
         return True
     found = LearnedCurves(laws.found.members, laws.found.log_evidence)
-    return says_as_much(found, laws.log_evidence - _evidence_on_the_way(diagnosis)[-1], curves)
+    return explains_as_much(found, laws.log_evidence - _evidence_on_the_way(diagnosis)[-1], curves)
 
 
 def _with_laws(space: SearchSpace, diagnosis: Diagnosis, laws: _Laws) -> AddCurves | None:
@@ -109,7 +109,7 @@ def _with_laws(space: SearchSpace, diagnosis: Diagnosis, laws: _Laws) -> AddCurv
         return None
     if laws.step < len(diagnosis.steps) - 1:
         noise = diagnosis.noise
-        diagnosis = diagnosis_of_model(space, diagnosis.steps[: laws.step + 1], Stop())
+        diagnosis = diagnosis_of_model(space, diagnosis.steps[: laws.step + 1], SearchEnd())
         diagnosis = replace(diagnosis, noise=noise)
     added = step_after(diagnosis.steps[-1], LEARNED, selected, after, log_bayes_factor=learned.log_evidence)
     return AddCurves(with_learned(diagnosis, added, learned.members, laws.found), learned)

@@ -11,7 +11,7 @@ from calib.calibration.promise import learned_discrepancy
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import equivalent_to, led_rivals
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
-from calib.diagnosis.moves import Stop, Tie, next_effect, straight_steps
+from calib.diagnosis.moves import PartlyConfounded, SearchEnd, next_effect, straight_steps
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, without_one
 from calib.diagnosis.verdict import ConfoundedSet, HangingEffect, LearnedModel
@@ -21,13 +21,13 @@ from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError,
 from calib.screening.left_out import far_test_poses
 from calib.screening.leverage import pose_that_carries
 from calib.screening.noise_likelihood import scatter_of_repeats
-from calib.screening.noise_search import AddedEffect, ShownNoise, first_unproven
+from calib.screening.noise_search import AddedEffect, EstimatedNoise, first_unproven
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 
 
 def diagnosis_of_model(
-    space: SearchSpace, steps: Sequence[FitStep], stop: Stop, tests: ResidualTests | None = None
+    space: SearchSpace, steps: Sequence[FitStep], stop: SearchEnd, tests: ResidualTests | None = None
 ) -> Diagnosis:
     """Diagnosis of the last step's model, to which the search adds no further effect.
 
@@ -106,19 +106,19 @@ def _before(space: SearchSpace, diagnosis: Diagnosis, k: int) -> FitStep:
     return without_one(space, last, k, everything=False)
 
 
-def _noise_taken(calibration: Calibration) -> ShownNoise | None:
+def _noise_taken(calibration: Calibration) -> EstimatedNoise | None:
     """Noise shape that a fit used in place of the declared noise; None where it used the declared noise."""
     shape = calibration.options.noise
     if shape is None:
         return None
-    return ShownNoise(shape, from_repeats=scatter_of_repeats(calibration.dataset) is not None)
+    return EstimatedNoise(shape, from_repeats=scatter_of_repeats(calibration.dataset) is not None)
 
 
 # ---- confounded effects ---------------------------------------------------------------------------------------------
 
 
 def confounded_sets(
-    space: SearchSpace, steps: Sequence[FitStep], ties: Sequence[Tie] = ()
+    space: SearchSpace, steps: Sequence[FitStep], ties: Sequence[PartlyConfounded] = ()
 ) -> tuple[ConfoundedSet, ...]:
     """Sets of effects that the data cannot distinguish, each with one effect that is in the last model.
 
@@ -199,7 +199,7 @@ def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnos
     others = [step for step in steps if step is not last and step is not alone]
     alone = space.ranked(alone)
     stop = next_effect(space, alone)
-    diagnosis = diagnosis_of_model(space, [*others, alone], stop if isinstance(stop, Stop) else Stop())
+    diagnosis = diagnosis_of_model(space, [*others, alone], stop if isinstance(stop, SearchEnd) else SearchEnd())
     before = diagnosis.steps[-1]
     selected = (*before.selected, curves)
     step = step_after(before, LEARNED, selected, last.calibration, log_bayes_factor=last.log_bayes_factor)

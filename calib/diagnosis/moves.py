@@ -34,7 +34,14 @@ from calib.diagnosis.decision_rules import (
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import SearchSpace, first_fit, members_anew, step_after, with_candidate, without_one
+from calib.diagnosis.search_space import (
+    SearchSpace,
+    first_fit,
+    reselect_members,
+    step_after,
+    with_candidate,
+    without_one,
+)
 from calib.diagnosis.verdict import Refusal
 from calib.effects.effect import Effect, Family, full_name
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening, screening_of
@@ -111,7 +118,7 @@ Move = AddEffect | DropEffect | LeaveOutPoses | ShapeNoise | AddCurves
 
 
 @dataclass(frozen=True)
-class Tie:
+class PartlyConfounded:
     """An effect of the model of which other effects explain the part on each joint as well."""
 
     effect: str
@@ -119,19 +126,19 @@ class Tie:
 
 
 @dataclass(frozen=True)
-class Stop:
+class SearchEnd:
     """End of a search: no effect is to be added or dropped, with the reason."""
 
     implausible: str = ""  # why points and poses do not belong together, as a clause: no effect is their cause
     refused: Refusal | None = None  # an effect with evidence at the training poses, and something against it
     left_to_curves: bool = False  # learned curves have more evidence than the best effect, of one place or pose
-    ties: tuple[Tie, ...] = ()
+    ties: tuple[PartlyConfounded, ...] = ()
 
 
 def next_effect(
     space: SearchSpace, step: FitStep, dropped: Collection[str] = (), tell: Tell = lambda line: None
-) -> AddEffect | DropEffect | Stop:
-    """Move that adds, drops or exchanges an effect of a model, or a Stop with the reason why there is no such move.
+) -> AddEffect | DropEffect | SearchEnd:
+    """Move that adds, drops or exchanges an effect of a model, or the end of the search with its reason.
 
     Args:
         space: settings of all fits.
@@ -142,11 +149,11 @@ def next_effect(
     assert step.screening is not None
     names = [effect.name for effect in step.selected]
     if LEARNED in names:  # an effect that shows beside curves of all joints was not worth a name without them
-        return Stop()
+        return SearchEnd()
     implausible = implausibility_reason(step.calibration)
     if implausible:
-        return Stop(implausible=implausible)
-    added = Stop() if len(names) >= space.max_effects else _addition(space, step, dropped, tell)
+        return SearchEnd(implausible=implausible)
+    added = SearchEnd() if len(names) >= space.max_effects else _addition(space, step, dropped, tell)
     if isinstance(added, AddEffect) and not added.on_behalf_of:
         return added
     revised = _revision(space, step, dropped, tell) or _parts_given_up(space, step, dropped, tell)
@@ -155,13 +162,13 @@ def next_effect(
     return added if isinstance(added, AddEffect) else replace(added, ties=revised)
 
 
-def gone(move: AddEffect | DropEffect) -> list[str]:
+def dropped_effects(move: AddEffect | DropEffect) -> list[str]:
     """Name of the effect that a move takes out of the model, in a list; an empty one where it takes none out."""
     name = move.name if isinstance(move, DropEffect) else move.instead_of
     return [name] if name else []
 
 
-def step_of(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
+def fit_step_after(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
     """Fit step that results from adding or dropping an effect."""
     if isinstance(move, AddEffect):
         after = step_after(step, move.name, move.selected, move.calibration, move.candidate, move.log_bayes_factor)
@@ -174,8 +181,8 @@ def step_of(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
 
 def _addition(
     space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell, *, may_refuse: int = MAX_REFUSED
-) -> AddEffect | Stop:
-    """Move that adds the best effect, with its fit, or a Stop with the reason why no effect is added.
+) -> AddEffect | SearchEnd:
+    """Move that adds the best effect, with its fit, or the end of the search with its reason.
 
     Where the best is refused, one that explains less may be the cause that it stood in for: `may_refuse` are tried.
     """
@@ -185,15 +192,15 @@ def _addition(
         sure = tuple(c for c in screening.candidates if c.log_evidence > SURE_LOG_EVIDENCE)
         screening = replace(screening, candidates=sure)
     if not any(is_convincing(candidate) for candidate in screening.candidates):
-        return Stop()
+        return SearchEnd()
     if may_be_curves(screening.candidates[0], step.calibration, screening):
         if not _outweighs_curves_with_a_second(space, step, screening.candidates[0]):
             screening = ranking_given_curves(screening, step.curves)
         if not any(is_convincing(candidate) for candidate in screening.candidates):
-            return Stop(left_to_curves=True)
+            return SearchEnd(left_to_curves=True)
         first = screening.candidates[0]
         if slow_course(screening.projected, first) > first.log_evidence + MIN_LOG_BAYES_FACTOR:
-            return Stop(left_to_curves=True)
+            return SearchEnd(left_to_curves=True)
     best, second, contenders = rank_candidates(screening)
     log_bayes_factor = best.log_evidence - second.log_evidence if second is not None else None
     if contenders:
@@ -209,8 +216,8 @@ def _addition(
     refused = refusal(best, screening, step.calibration, trial, further=bool(step.selected), strict=strict)
     if refused is not None:
         rest = {*dropped, best.name}
-        other = _addition(space, step, rest, tell, may_refuse=may_refuse - 1) if may_refuse > 1 else Stop()
-        return Stop(refused=refused) if isinstance(other, Stop) else _in_place_of(other, best, refused)
+        other = _addition(space, step, rest, tell, may_refuse=may_refuse - 1) if may_refuse > 1 else SearchEnd()
+        return SearchEnd(refused=refused) if isinstance(other, SearchEnd) else _in_place_of(other, best, refused)
     runner_up = second.name if second is not None else ""
     selected, fitted = with_candidate(space, step, best, trial)
     if predicts_worse(trial, fitted, scatter=MAX_WORSENING) or beyond_nature(fitted):
@@ -218,8 +225,8 @@ def _addition(
     return AddEffect(best, log_bayes_factor, runner_up, selected, fitted)
 
 
-def _in_place_of(other: AddEffect, best: Candidate, refused: Refusal) -> AddEffect | Stop:
-    """Move that adds another effect than a refused one that explained more; a Stop where only nature's bounds speak.
+def _in_place_of(other: AddEffect, best: Candidate, refused: Refusal) -> AddEffect | SearchEnd:
+    """Move that adds another effect than a refused one that explained more; the end where only nature's bounds speak.
 
     A bound of what such causes are known to be is no evidence for another one: what is clearly worse is not told before
     the refused one's part is explained, and one that explains the same about as well is fitted on behalf of both.
@@ -228,15 +235,15 @@ def _in_place_of(other: AddEffect, best: Candidate, refused: Refusal) -> AddEffe
         return other
     clearly_worse = best.log_evidence - other.candidate.log_evidence > EQUIVALENT_LOG_BAYES_FACTOR
     if clearly_worse and not are_aligned(best, other.candidate):
-        return Stop(refused=refused)
+        return SearchEnd(refused=refused)
     alike = best.overlaps.get(other.name, 0.0) > MIN_CONFOUNDED_OVERLAP
     return replace(other, on_behalf_of=(*other.on_behalf_of, best.name)) if alike else other
 
 
 def _on_behalf_of_all(
     space: SearchSpace, step: FitStep, screening: Screening, contenders: Sequence[Candidate]
-) -> AddEffect | Stop:
-    """Move that adds the best of the contenders that is not refused, on behalf of all; a Stop where all are refused."""
+) -> AddEffect | SearchEnd:
+    """Move that adds the best of the contenders that is not refused, on behalf of all; else the search's end."""
     refusals: list[Refusal] = []
     for one in contenders:
         selected = (*step.selected, SelectedEffect.of(one))
@@ -246,7 +253,7 @@ def _on_behalf_of_all(
             others = tuple(other.name for other in contenders if other is not one)
             return AddEffect(one, None, "", selected, trial, on_behalf_of=others)
         refusals.append(refused)
-    return Stop(refused=refusals[0])
+    return SearchEnd(refused=refusals[0])
 
 
 def _without(screening: Screening, names: Collection[str]) -> Screening:
@@ -321,7 +328,7 @@ def _revision(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
 
 def _without_and_anew(space: SearchSpace, without: FitStep, name: str) -> FitStep:
     """Step without an effect, the others' members selected anew, and the effect's own family screened again."""
-    selected = members_anew(space, without.selected, without.calibration, len(without.selected))
+    selected = reselect_members(space, without.selected, without.calibration, len(without.selected))
     fitted = space.fit(selected, without.calibration)
     own = [family for family in space.families if family.name == name]
     return replace(without, selected=selected, calibration=fitted, screening=screening_of(fitted, own))
@@ -329,7 +336,7 @@ def _without_and_anew(space: SearchSpace, without: FitStep, name: str) -> FitSte
 
 def _parts_given_up(
     space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell
-) -> AddEffect | tuple[Tie, ...]:
+) -> AddEffect | tuple[PartlyConfounded, ...]:
     """Move that gives an effect's part on one joint to another effect that explains it better; else the ties.
 
     Waves of every joint's gear, say, also follow what gravity does to one of them. Such an effect leads as a whole, and
@@ -337,7 +344,7 @@ def _parts_given_up(
     with a grid of constants, a spring's geometry say, come near the best fit only. It is tied where every part is: one
     that surely acts on another joint is the simplest cause of all its parts.
     """
-    ties: list[Tie] = []
+    ties: list[PartlyConfounded] = []
     one_law = [family for family in space.families if family.finer is not None]
     # Of one joint, what acts at one place or from one pose on is no rival: waves were chosen before that.
     lasting = [family for family in space.families if not family.sparse]
@@ -367,7 +374,7 @@ def _parts_given_up(
             as_good = tuple(rival.name for rival in rivals if own and is_tied(own[0], rival))
             tied += [as_good] if as_good else []
         if tied and len(tied) == len(parts):
-            ties.append(Tie(effect.name, tuple(dict.fromkeys(name for names in tied for name in names))))
+            ties.append(PartlyConfounded(effect.name, tuple(dict.fromkeys(name for names in tied for name in names))))
     return tuple(ties)
 
 
@@ -421,7 +428,7 @@ class Search:
     """Result of a stepwise search: the fit steps with their screenings, and the reason for the stop."""
 
     steps: tuple[FitStep, ...]
-    stop: Stop
+    stop: SearchEnd
 
 
 def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search:
@@ -432,9 +439,9 @@ def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search
     tell("fitting the geometry")
     steps = [space.ranked(first_fit(space))]
     dropped = [refused]
-    while not isinstance(move := next_effect(space, steps[-1], dropped, tell), Stop):
-        dropped += gone(move)
-        steps.append(space.ranked(step_of(steps[-1], move)))
+    while not isinstance(move := next_effect(space, steps[-1], dropped, tell), SearchEnd):
+        dropped += dropped_effects(move)
+        steps.append(space.ranked(fit_step_after(steps[-1], move)))
     return Search(straight_steps(space, steps), move)
 
 

@@ -32,7 +32,7 @@ _MOST_ANSWERS = 12  # of a question
 
 
 @dataclass(frozen=True)
-class Answer:
+class CauseOption:
     """Possible cause of a part of the residual, with the facts that are weighed for it."""
 
     cause: str  # an effect's name, UNKNOWN, or "" for nothing
@@ -89,7 +89,7 @@ def cause_probabilities(findings: Findings, weights: Mapping[str, float] | None 
 
 
 def answer_probabilities(
-    answers: Sequence[Answer], weights: Mapping[str, float] | None = None
+    answers: Sequence[CauseOption], weights: Mapping[str, float] | None = None
 ) -> tuple[tuple[str, ...], tuple[float, ...]]:
     """Causes of a question's answers, and the probability of each."""
     weights = WEIGHTS if weights is None else weights
@@ -101,7 +101,7 @@ def answer_probabilities(
 # ---- the questions --------------------------------------------------------------------------------------------------
 
 
-def questions(findings: Findings) -> tuple[tuple[Answer, ...], ...]:
+def questions(findings: Findings) -> tuple[tuple[CauseOption, ...], ...]:
     """Answers to each question that a search leaves: one for each effect in the model, and one for the rest."""
     about = _state(findings)
     steps = findings.decided_steps
@@ -130,7 +130,7 @@ def _with_state(prefix: str, about: Mapping[str, float], more: Mapping[str, floa
 
 def _of_effect(
     findings: Findings, steps: Sequence[FitStep], name: str, about: Mapping[str, float]
-) -> tuple[Answer, ...]:
+) -> tuple[CauseOption, ...]:
     """Answers to what made the part that an effect in the model explains: itself, others like it, chance, unknown."""
     k = next((k for k, step in enumerate(steps) if step.effect == name), None)
     before = steps[k - 1] if k else None
@@ -153,10 +153,10 @@ def _of_effect(
             answers[other] = {kind: 1.0, **({f"{kind} behind": behind} if kind == "equivalent" else {})}
     answers[""] = _with_state("chance", {}, {"evidence": size["evidence"], "sparse": sparse})
     answers[UNKNOWN] = _with_state("other", about, size)
-    return tuple(Answer(cause, facts) for cause, facts in answers.items())
+    return tuple(CauseOption(cause, facts) for cause, facts in answers.items())
 
 
-def _of_the_rest(findings: Findings, last: FitStep, about: Mapping[str, float]) -> tuple[Answer, ...]:
+def _of_the_rest(findings: Findings, last: FitStep, about: Mapping[str, float]) -> tuple[CauseOption, ...]:
     """Answers to what made the rest: nothing, an effect that was not added, unknown."""
     ranked = () if last.screening is None else last.screening.candidates
     known = {e.name for e in last.selected}
@@ -173,7 +173,7 @@ def _of_the_rest(findings: Findings, last: FitStep, about: Mapping[str, float]) 
         facts |= {f"to {name}": value for name, value in about.items() if name.startswith("reason")}
         answers[one.name] = _with_state("rest", {}, facts | {"behind": behind, "sparse": float(one.family.sparse)})
     answers[UNKNOWN] = _with_state("outside", about, {"open": float(bool(open_set)), "refused": float(bool(refused))})
-    return tuple(Answer(cause, facts) for cause, facts in answers.items())
+    return tuple(CauseOption(cause, facts) for cause, facts in answers.items())
 
 
 def _rivals(best: Candidate | None, ranked: Sequence[Candidate]) -> list[tuple[Candidate, float]]:

@@ -96,7 +96,7 @@ def without_one(space: SearchSpace, step: FitStep, k: int, *, everything: bool) 
     return FitStep("", selected, fitted, left_out=step.left_out, screening=screening)
 
 
-def members_anew(
+def reselect_members(
     space: SearchSpace, selected: Sequence[SelectedEffect], start: Calibration, count: int
 ) -> tuple[SelectedEffect, ...]:
     """Selected effects, of the first `count` of which the members are selected anew beside all others."""
@@ -128,7 +128,7 @@ def with_candidate(
     """
     selected = (*step.selected, SelectedEffect.of(candidate))
     fitted = space.fit(selected, step.calibration) if trial is None else trial
-    out = members_anew(space, selected, step.calibration, len(step.selected))
+    out = reselect_members(space, selected, step.calibration, len(step.selected))
     if all(now is before for now, before in zip(out, selected, strict=True)):
         return selected, fitted
     return out, space.fit(out, step.calibration)

@@ -15,7 +15,7 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, Untestable
 from calib.screening.curves.law_search import FoundLaws
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
-from calib.screening.noise_search import AddedEffect, ShownNoise
+from calib.screening.noise_search import AddedEffect, EstimatedNoise
 from calib.screening.residual_tests import ResidualTests, asked_of_joints
 from calib.screening.smooth_motions import JointFault
 
@@ -117,7 +117,7 @@ class Findings:
     hanging: HangingEffect | None = None  # first effect for which a single pose speaks alone
     held_out: HeldOutTest | None = None  # the test poses against the error that the last fit predicts for them
     far_test_poses: tuple[str, ...] = ()  # ids, off by more than any training pose left out
-    noise: ShownNoise | None = None  # where the noise has another shape than was declared
+    noise: EstimatedNoise | None = None  # where the noise has another shape than was declared
     learned: LearnedModel | None = None  # then its fit is the last step
     data_problem: DataProblem | None = None  # wrong signs, order, units, rows or robot table
     swapped: tuple[tuple[str, str], ...] = ()  # pairs of outlying poses, each measured where the other has to be

@@ -17,7 +17,7 @@ from calib.planning.offered_poses import under_conditions
 from calib.planning.outcome import Outcome, ParameterReason, PoseReason
 from calib.planning.prediction import Region
 from calib.planning.purpose import CALIBRATION
-from calib.planning.question import VARIANCE, VOLUME, Question, condensed, inverse
+from calib.planning.question import VARIANCE, VOLUME, OptimalityCriterion, condensed, inverse
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
 from calib.workcell.pose_conditions import conditions_for
@@ -38,10 +38,10 @@ class DesignProblem:
     region: Region
 
     @cached_property
-    def region_question(self) -> Question:
+    def region_question(self) -> OptimalityCriterion:
         """Optimality question whose measure is the model's mean square error over the region, mm^2."""
         targets = condensed(self.region.target_combinations)
-        return Question(self.rows, self.unknowns.prior_information, targets, VARIANCE)
+        return OptimalityCriterion(self.rows, self.unknowns.prior_information, targets, VARIANCE)
 
     def information(self, chosen: IndexArray) -> Array:
         """Information matrix (K, K) of the unknowns after the chosen candidates are measured."""
@@ -159,7 +159,7 @@ class ForCalibration(BaseCriterion):
         """Indices (count,) of the I-optimal or D-optimal candidates, the most informative first."""
         unknowns = problem.unknowns
         if self.optimality == "D":
-            parameters = Question(problem.rows, unknowns.prior_information, unknowns.of_parameters(), VOLUME)
+            parameters = OptimalityCriterion(problem.rows, unknowns.prior_information, unknowns.of_parameters(), VOLUME)
             return best_poses([parameters], count).rows
         return best_poses([problem.region_question], count).rows
 

@@ -14,7 +14,7 @@ from calib.errors import CalibError
 from calib.planning.criterion import BaseCriterion, DesignProblem, with_varied_conditions
 from calib.planning.exchange import best_poses
 from calib.planning.outcome import CoefficientSigma, EffectOutcome
-from calib.planning.question import Question, inverse
+from calib.planning.question import OptimalityCriterion, inverse
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
 from calib.workcell.pose_conditions import PAYLOAD_KG, WantedConditions, conditions_for
@@ -61,7 +61,7 @@ class ForEffects(BaseCriterion):
         targets = problem.unknowns.of_parameters()[:, self._coefficients(problem.unknowns)]
         if not np.any(problem.rows @ targets):
             raise CalibError(f"{self.name} shows at no pose that can be measured, so none can be planned for it")
-        return best_poses([Question(problem.rows, problem.unknowns.prior_information, targets)], count).rows
+        return best_poses([OptimalityCriterion(problem.rows, problem.unknowns.prior_information, targets)], count).rows
 
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> EffectOutcome:
         """Sigmas of the effects' coefficients before and after the planned poses, and the poses' conditions."""

@@ -13,7 +13,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.errors import CalibError
-from calib.planning.question import Question
+from calib.planning.question import OptimalityCriterion
 
 _SWEEPS = 30  # most sweeps of exchanges over all chosen poses
 _GAIN = 1e-6  # change of the log of the measure below which an exchange is rounding
@@ -30,7 +30,7 @@ class Choice:
 
 @one_blas_thread()
 def best_poses(
-    questions: Sequence[Question], count: int, *, exclude: BoolArray | None = None, exchange: bool = True
+    questions: Sequence[OptimalityCriterion], count: int, *, exclude: BoolArray | None = None, exchange: bool = True
 ) -> Choice:
     """Choice of `count` different candidates with the least mean log measure over the questions.
 
@@ -79,13 +79,13 @@ def best_poses(
     return Choice(rows, value, tuple(greedy))
 
 
-def _information(question: Question, chosen: Sequence[int]) -> Array:
+def _information(question: OptimalityCriterion, chosen: Sequence[int]) -> Array:
     """Information matrix (K, K) of a question's unknowns after some candidates are measured."""
     rows = question.rows[list(chosen)].reshape(-1, question.rows.shape[2])
     return question.prior_information + rows.T @ rows
 
 
-def _ranked(questions: Sequence[Question], chosen: list[int]) -> IndexArray:
+def _ranked(questions: Sequence[OptimalityCriterion], chosen: list[int]) -> IndexArray:
     """Chosen candidates, most informative first, as a greedy search among them would take them."""
     informations = [question.prior_information for question in questions]
     search = _Search([replace(question, rows=question.rows[chosen]) for question in questions])
@@ -103,7 +103,7 @@ def _ranked(questions: Sequence[Question], chosen: list[int]) -> IndexArray:
 class _Search:
     """Search for the candidate with the least mean log measure over several questions."""
 
-    questions: Sequence[Question]
+    questions: Sequence[OptimalityCriterion]
 
     def best(self, informations: Sequence[Array], free: BoolArray) -> tuple[int, float]:
         """Index of the best of the free candidates, and the mean log measure with it."""

@@ -25,7 +25,7 @@ from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
 from calib.planning.purpose import CALIBRATION, PlanPurpose, purposes
 from calib.planning.start import Start
-from calib.planning.ways import Way, ways_to
+from calib.planning.ways import JointPath, ways_to
 from calib.plugins import load
 from calib.presented import Presented
 from calib.statistics import group_numbers
@@ -81,8 +81,8 @@ class Plan(Presented):
     blocked: tuple[tuple[str, str], ...]  # successive poses whose straight connection in joint space is blocked
 
     @cached_property
-    def ways(self) -> tuple[Way, ...]:
-        """Way to each pose from the one before, by via points where the straight one is blocked."""
+    def ways(self) -> tuple[JointPath, ...]:
+        """The way to each pose from the one before, by via points where the straight one is blocked."""
         return ways_to(self.start.cell, self.poses)
 
     @property

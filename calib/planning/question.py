@@ -18,7 +18,7 @@ VARIANCE, VOLUME = "variance", "volume"
 
 
 @dataclass(frozen=True)
-class Question:
+class OptimalityCriterion:
     """Optimality question: target combinations of K unknowns, prior information, and rows of N candidate poses.
 
     With W the target combinations, `measure` "variance" is trace(W^T C W), the sum of their variances: I-optimal where

@@ -18,7 +18,7 @@ from calib.workcell.workcell import Workcell
 
 
 @dataclass(frozen=True)
-class Way:
+class JointPath:
     """Straight pieces in joint space that lead to a pose from the one before."""
 
     vias: Array  # (k, n) points that lead past obstacles; (0, n) where the straight way is clear, or none was found
@@ -26,8 +26,8 @@ class Way:
     clear: bool  # whether every piece avoids the known obstacles; to the first pose, those behind `starts_from` alone
 
 
-def ways_to(cell: Workcell, poses: Poses) -> tuple[Way, ...]:
-    """Way to each pose in the order of measuring, checked for collisions piece by piece."""
+def ways_to(cell: Workcell, poses: Poses) -> tuple[JointPath, ...]:
+    """The way to each pose in the order of measuring, checked for collisions piece by piece."""
     q, starts = poses.q, None
     last = np.ones(len(q), dtype=bool)
     if poses.approach is not None:
@@ -41,7 +41,7 @@ def ways_to(cell: Workcell, poses: Poses) -> tuple[Way, ...]:
         if not clear:
             around = way_around(cell, q[k - 1], arrive[k], np.random.default_rng(k))
             vias, clear = (vias, False) if around is None else (around, True)
-        ways.append(Way(vias, None if starts is None else starts[k], clear and bool(last[k])))
+        ways.append(JointPath(vias, None if starts is None else starts[k], clear and bool(last[k])))
     return tuple(ways)
 
 
@@ -58,23 +58,23 @@ def _free_starts(cell: Workcell, q: Array, approach: Array) -> tuple[Array, Bool
 _SHARES = (1.0, 0.6, 0.3)  # of the usual distance from which a pose is approached: 3 deg, 1.8 deg, 0.9 deg
 
 
-def via_names(pose_id: str, way: Way) -> tuple[str, ...]:
+def via_names(pose_id: str, way: JointPath) -> tuple[str, ...]:
     """Names of the points that the arm passes on the way to a pose, in their order."""
     vias = tuple(f"{pose_id}_via{k + 1}" for k in range(len(way.vias)))
     return vias if way.starts_from is None else (*vias, f"{pose_id}_from")
 
 
-def passed(way: Way) -> Array:
+def passed(way: JointPath) -> Array:
     """Joints (k, n) of the points that the arm passes on a way, in their order."""
     return way.vias if way.starts_from is None else np.vstack([way.vias, way.starts_from])
 
 
-def targets_of(robot: Robot, poses: Poses, ways: tuple[Way, ...]) -> list[JointTarget]:
+def targets_of(robot: Robot, poses: Poses, ways: tuple[JointPath, ...]) -> list[JointTarget]:
     """All joint targets, as commanded, in the order in which the arm goes through them."""
     return [target for step in steps_of(robot, poses, ways) for target in (*step.way, step.target)]
 
 
-def steps_of(robot: Robot, poses: Poses, ways: tuple[Way, ...]) -> list[MeasuringStep]:
+def steps_of(robot: Robot, poses: Poses, ways: tuple[JointPath, ...]) -> list[MeasuringStep]:
     """Poses with their ways, as commanded, and what a person has to see to before each."""
     steps = []
     for k, (name, way) in enumerate(zip(poses.ids, ways, strict=True)):

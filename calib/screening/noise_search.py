@@ -46,7 +46,7 @@ _OUTLIER_RANGE = 30.0  # of the largest over the smallest distance of an outlier
 
 
 @dataclass(frozen=True)
-class ShownNoise:
+class EstimatedNoise:
     """The noise shape estimated from the data."""
 
     shape: NoiseShape
@@ -63,13 +63,13 @@ class AddedEffect:
     before: ProjectedResidual
 
 
-def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
+def noise_of_repeats(dataset: Dataset) -> EstimatedNoise | None:
     """Noise shape estimated from repeated measurements, before any fit; None where it equals the declared noise."""
     scatter = scatter_of_repeats(dataset)
     if scatter is None:
         return None
     shown = find_shape(scatter, np.zeros(len(scatter.rows), dtype=bool), drifts=False)
-    return None if shown is None else ShownNoise(shown.shape, from_repeats=True)
+    return None if shown is None else EstimatedNoise(shown.shape, from_repeats=True)
 
 
 def first_unproven(added: Sequence[AddedEffect], outliers: Collection[str]) -> AddedEffect | None:
@@ -91,7 +91,7 @@ def _log_bayes_factor_over_drift(added: AddedEffect, outliers: Collection[str]) 
 
 def noise_of_residual(
     dataset: Dataset, unproven: AddedEffect | None, last: ProjectedResidual, outliers: Collection[str]
-) -> ShownNoise | None:
+) -> EstimatedNoise | None:
     """Noise shape that fits a residual better than the shape used in the fit; None where none does.
 
     Where repeated measurements show the shape, only its drift is searched for. The repeats of a fitted dataset may be
@@ -116,7 +116,7 @@ def noise_of_residual(
         return None
     shape = shown.shape if dataset.noise is None else replace(dataset.noise, wander=shown.shape.wander)
     rival = "" if unproven is None else unproven.effect
-    return ShownNoise(shape, rival, from_repeats=dataset.noise is not None)
+    return EstimatedNoise(shape, rival, from_repeats=dataset.noise is not None)
 
 
 def _of_poses(projected: ProjectedResidual, pose_ids: Collection[str]) -> BoolArray:

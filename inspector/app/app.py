@@ -24,7 +24,7 @@ from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
-from inspector.app.controllers.stage import Stage
+from inspector.app.controllers.stage import SceneController
 from inspector.app.page.dataset_list import have_scans, listed_folders, names_of
 from inspector.app.page.page_state import PageState
 from inspector.app.page.playback import Playback
@@ -73,7 +73,9 @@ class App:
         (scans_first,) = have_scans(folders[:1])
         panels = add_panels(server.gui, self, tuple(named), scans_first=scans_first, takes_data=data is not None)
         self.panels, self.state = panels, PageState(panels.headline.update)
-        self.stage = Stage(server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint)
+        self.stage = SceneController(
+            server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint
+        )
         self.selection = Selection(self.state, panels, self.stage)
         self.stage.scene.on_box(self.box)
         self.model = ModelController(

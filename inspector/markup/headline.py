@@ -14,7 +14,7 @@ from calib.rendering import numbers
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html, asking, opening
 from inspector.markup.parts.palette import MODEL_COLOURS
-from inspector.session.loop import FIND, FIT, MEASURE, STEPS, TAKE, Doing, Progress
+from inspector.session.loop import FIND, FIT, MEASURE, STEPS, TAKE, Progress, TaskStatus
 from inspector.session.session import Session
 from inspector.session.view import SIDES, View
 
@@ -32,7 +32,7 @@ TO_FIND = "Let the program find what this arm does that its model lacks."
 NO_DATASET = "No dataset is open."
 
 
-def headline_html(view: View | None, doing: Doing) -> str:
+def headline_html(view: View | None, doing: TaskStatus) -> str:
     """HTML of the whole bar; before there is a model, with the current and the next task instead of errors."""
     if view is None:
         return f'<div class="headline"><div class="headline-now">{elements.text(doing.words or NO_DATASET)}</div></div>'
@@ -97,12 +97,12 @@ def _in_words(stage: ErrorStage) -> str:
     return name
 
 
-def _steps(progress: Progress, doing: Doing) -> str:
+def _steps(progress: Progress, doing: TaskStatus) -> str:
     """HTML of the four steps of the work, marked as done, next or later; a click opens a step's tab."""
     return f'<div class="headline-steps">{"".join(_step(name, progress, doing) for name in STEPS)}</div>'
 
 
-def _step(name: str, progress: Progress, doing: Doing) -> str:
+def _step(name: str, progress: Progress, doing: TaskStatus) -> str:
     state = "next" if name == progress.next else "done" if name in progress.done else "later"
     sign = "✓" if name in progress.done else str(STEPS.index(name) + 1)
     words = {"next": "next", "done": "done", "later": "later"}[state]
@@ -112,14 +112,14 @@ def _step(name: str, progress: Progress, doing: Doing) -> str:
     )
 
 
-def _does(name: str, progress: Progress, doing: Doing) -> Html:
+def _does(name: str, progress: Progress, doing: TaskStatus) -> Html:
     """HTML attributes for a click on a step: it opens the step's tab, and starts the search where that comes next."""
     if name == FIND and progress.next == FIND and not doing.finding:
         return asking("find", "start", tab=TABS[FIND])
     return opening(TABS[name])
 
 
-def _now(session: Session, progress: Progress, doing: Doing) -> str:
+def _now(session: Session, progress: Progress, doing: TaskStatus) -> str:
     """Sentence on the current task, or on the next one."""
     searched, scans = session.scans - len(session.waiting), session.scans
     if progress.next == MEASURE:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import viser
 
 from inspector.markup.headline import headline_html, looks_html
-from inspector.session.loop import IDLE, Doing
+from inspector.session.loop import IDLE, TaskStatus
 from inspector.session.view import View
 
 
@@ -18,7 +18,7 @@ class HeadlinePanel:
         self._html = gui.add_html("")
         gui.add_html(f'<div data-over-view="looks">{looks_html()}</div>')
         self._sent = ""
-        self._doing: Doing = IDLE
+        self._doing: TaskStatus = IDLE
         self._view: View | None = None
 
     def update(self, view: View) -> None:
@@ -30,7 +30,7 @@ class HeadlinePanel:
 
     def opening(self, name: str) -> None:
         """Clear the figures of the dataset before while another is opened."""
-        self._view, self._doing = None, Doing(words=f"Opening {name} …")
+        self._view, self._doing = None, TaskStatus(words=f"Opening {name} …")
         self._show()
 
     def still(self, view: View | None) -> None:
@@ -39,7 +39,7 @@ class HeadlinePanel:
         self._show()
 
     def doing(self, **what: bool | str) -> None:
-        """Set the task that the program is working on (fields of `Doing`)."""
+        """Set the task that the program is working on (fields of `TaskStatus`)."""
         doing = replace(self._doing, **what)  # type: ignore[arg-type]
         if doing != self._doing:
             self._doing = doing

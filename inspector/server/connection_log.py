@@ -79,7 +79,7 @@ def connection_logger() -> logging.Logger:
     return bounded_logger(name)
 
 
-class CrowdTold:
+class ConnectionWarning:
     """Exception handler of an event loop that logs "too many open connections" once a minute at most.
 
     asyncio tells of each that it cannot accept, with a traceback, a hundred at a time: megabytes in seconds. It tries

@@ -35,7 +35,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from calib.errors import CalibError
-from inspector.server.connection_log import CrowdTold, bounded_logger, connection_logger
+from inspector.server.connection_log import ConnectionWarning, bounded_logger, connection_logger
 from inspector.server.page_requests import PageRequests, guarded, with_script
 
 log = bounded_logger(__name__)
@@ -221,7 +221,7 @@ def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests
         select_subprotocol: Callable[[ServerConnection, Sequence[Subprotocol]], Subprotocol | None],
     ) -> websockets_serve:
         del host, port
-        asyncio.get_running_loop().set_exception_handler(CrowdTold())
+        asyncio.get_running_loop().set_exception_handler(ConnectionWarning())
         return websockets_serve(
             handler,
             sock=listener,

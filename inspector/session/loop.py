@@ -11,7 +11,7 @@ STEPS = (MEASURE, FIT, FIND, TAKE)
 
 
 @dataclass(frozen=True)
-class Doing:
+class TaskStatus:
     """The program's current task, as far as it does not follow from the session."""
 
     searching: bool = False  # scan after scan
@@ -20,7 +20,7 @@ class Doing:
     problem: str = ""  # why there is no fit
 
 
-IDLE = Doing()
+IDLE = TaskStatus()
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Progress:
     next: str  # of STEPS: what is being done, or what leads on
 
     @classmethod
-    def of(cls, session: Session, doing: Doing = IDLE) -> Progress:
+    def of(cls, session: Session, doing: TaskStatus = IDLE) -> Progress:
         """The progress of a session, counted for the model on show."""
         done = []
         if not session.needed:

@@ -12,9 +12,18 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.repeats import in_repeat_groups_of, without_poses
 from calib.diagnosis.advice import advice_on
-from calib.diagnosis.diagnose import Model, next_move, whole_diagnosis
+from calib.diagnosis.diagnose import SearchState, next_move, whole_diagnosis
 from calib.diagnosis.effect_selection import GEOMETRY, FitStep, SelectedEffect, calibrate_with, candidate_of, recalled
-from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise, gone, step_of
+from calib.diagnosis.moves import (
+    AddCurves,
+    AddEffect,
+    DropEffect,
+    LeaveOutPoses,
+    Move,
+    ShapeNoise,
+    dropped_effects,
+    fit_step_after,
+)
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate, with_curves
 from calib.effects.effect import Family
@@ -86,10 +95,10 @@ def with_residual_tests(session: Session) -> Session:
         return session
     calibration = _calibrated(session)
     tests = run_residual_tests(calibration.dataset, session.screening.projected)
-    return _with_next_move(replace(session, residual_tests=tests), Model(session.steps, session.dropped, tests))
+    return _with_next_move(replace(session, residual_tests=tests), SearchState(session.steps, session.dropped, tests))
 
 
-def _with_next_move(session: Session, model: Model) -> Session:
+def _with_next_move(session: Session, model: SearchState) -> Session:
     """Session with advice on the next change of its model, or with the diagnosis where no change is advised."""
     assert session.residual_tests is not None
     move = next_move(search_space(session), model)
@@ -164,8 +173,8 @@ def with_effect(session: Session, name: str) -> Session:
     session = replace(session, dropped=session.dropped - {name})
     last = session.steps[-1]
     if isinstance(move, AddEffect):
-        session = replace(session, dropped=session.dropped.union(gone(move)))
-        return with_steps(session, (*session.steps, step_of(last, move)))
+        session = replace(session, dropped=session.dropped.union(dropped_effects(move)))
+        return with_steps(session, (*session.steps, fit_step_after(last, move)))
     if isinstance(move, AddCurves):
         step = move.diagnosis.steps[-1]
         return _judged(with_steps(session, (*session.steps, step)), move.diagnosis)
@@ -191,8 +200,8 @@ def without_effect(session: Session, name: str) -> Session:
         raise CalibError(f"effect {name} is not in the model; there is {inside}")
     move = _advised(session, name)
     if isinstance(move, DropEffect):
-        session = replace(session, dropped=session.dropped.union(gone(move)))
-        return with_steps(session, (*session.steps, step_of(session.steps[-1], move)))
+        session = replace(session, dropped=session.dropped.union(dropped_effects(move)))
+        return with_steps(session, (*session.steps, fit_step_after(session.steps[-1], move)))
     return _changed(session, kept, f"− {name}")
 
 
@@ -204,7 +213,7 @@ def with_advice_followed(session: Session) -> Session:
     match move:
         case LeaveOutPoses() | ShapeNoise():
             moved = with_found(session, move.diagnosis)
-            return _with_next_move(moved, Model(moved.steps, moved.dropped, diagnosis=move.diagnosis))
+            return _with_next_move(moved, SearchState(moved.steps, moved.dropped, diagnosis=move.diagnosis))
         case DropEffect():
             return without_effect(session, move.name)
     return with_effect(session, session.advice.effect)

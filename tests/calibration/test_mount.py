@@ -27,7 +27,7 @@ def test_a_mount_is_where_its_covariance_says(length_mm: float, angle_deg: float
         squared.append(error @ np.linalg.solve(mount.covariance, error))
         with_table = np.sqrt(np.diag(mount.covariance_with_table))
         assert with_table[:3].max() < 0.05
-        assert fit.holds_table == (length_mm == 0)
+        assert fit.links_fixed_to_table == (length_mm == 0)
     assert np.mean(squared) < 12  # 6 is expected, less where links are better than their tolerances
     assert length_mm or np.mean(squared) > 2
     (told,) = fit.to_dict()["mounts"]

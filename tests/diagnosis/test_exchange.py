@@ -14,7 +14,7 @@ from calib.diagnosis.decision_rules import predicts_worse
 from calib.diagnosis.diagnose import Model, next_move
 from calib.diagnosis.effect_selection import FitStep, candidate_of
 from calib.diagnosis.model_diagnosis import diagnosis_of_model
-from calib.diagnosis.moves import AddEffect, Stop, Tie, next_effect, search_stepwise
+from calib.diagnosis.moves import AddEffect, PartlyConfounded, SearchEnd, next_effect, search_stepwise
 from calib.diagnosis.search_space import SearchSpace, first_fit, step_after, with_candidate
 from calib.effects.base import Parameter
 from calib.effects.catalogue.order_steps import ChangePoint, JointStep
@@ -139,7 +139,7 @@ def test_a_part_on_one_joint_that_another_effect_explains_as_well_stays_where_th
     space, last = waves_and_a_bump(2e-3)
     assert [effect.name for effect in last.selected] == ["waves"]
     stop = next_effect(space, last)
-    assert isinstance(stop, Stop)
+    assert isinstance(stop, SearchEnd)
     assert stop.ties == ()
 
 
@@ -155,8 +155,8 @@ def test_an_effect_of_one_joint_is_left_open_beside_one_of_another_law_that_come
     space = replace(space, families=(families[0], near))
     last = space.ranked(step_of_waves(space))
     stop = next_effect(space, last)
-    assert isinstance(stop, Stop)
-    assert stop.ties == (Tie("waves", ("law",)),)
+    assert isinstance(stop, SearchEnd)
+    assert stop.ties == (PartlyConfounded("waves", ("law",)),)
     found = diagnosis_of_model(space, [space.ranked(first_fit(space)), last], stop)
     assert [one.names for one in found.confounded_sets] == [("waves", "law")]
     assert (found.ambiguous_set, found.missing) == (("waves", "law"), ())

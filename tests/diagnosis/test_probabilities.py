@@ -9,7 +9,7 @@ import pytest
 from calib import diagnose
 from calib.diagnosis.probabilities import (
     UNKNOWN,
-    Answer,
+    CauseOption,
     CauseProbabilities,
     CauseSet,
     answer_probabilities,
@@ -61,7 +61,7 @@ def test_there_is_a_question_for_each_effect_and_one_for_the_rest(found: Diagnos
 def test_the_weights_decide(found: Diagnosis) -> None:
     sure_of_nothing = cause_probabilities(found, {"other ": 50.0, "outside ": 50.0})
     assert sure_of_nothing.of(UNKNOWN) == pytest.approx(1.0)
-    causes, p = answer_probabilities([Answer("a", {"x": 1.0}), Answer("b", {"x": 3.0})], {"x": math.log(2.0)})
+    causes, p = answer_probabilities([CauseOption("a", {"x": 1.0}), CauseOption("b", {"x": 3.0})], {"x": math.log(2.0)})
     assert causes == ("a", "b")
     assert p == pytest.approx((0.2, 0.8))
 

@@ -7,19 +7,19 @@ import pytest
 
 from calib.errors import CalibError
 from calib.planning.exchange import best_poses
-from calib.planning.question import VARIANCE, VOLUME, Question, condensed, inverse
+from calib.planning.question import VARIANCE, VOLUME, OptimalityCriterion, condensed, inverse
 
 MEASURES = pytest.mark.parametrize("measure", [VARIANCE, VOLUME])
 
 
-def drawn(seed: int, measure: str, n: int = 16, k: int = 6) -> Question:
+def drawn(seed: int, measure: str, n: int = 16, k: int = 6) -> OptimalityCriterion:
     """Candidates of unequal worth about a few unknowns, of which four sums matter."""
     rng = np.random.default_rng(seed)
     rows = rng.standard_normal((n, 3, k)) * rng.uniform(0.3, 2.0, (n, 1, 1)) * rng.uniform(0.2, 2.0, k)
-    return Question(rows, 0.05 * np.eye(k), rng.standard_normal((k, 4)), measure)
+    return OptimalityCriterion(rows, 0.05 * np.eye(k), rng.standard_normal((k, 4)), measure)
 
 
-def with_rows(question: Question, rows: list[int]) -> np.ndarray:
+def with_rows(question: OptimalityCriterion, rows: list[int]) -> np.ndarray:
     flat = question.rows[rows].reshape(-1, question.prior_information.shape[0])
     return question.prior_information + flat.T @ flat
 
@@ -47,7 +47,7 @@ def test_the_exchange_is_within_2_percent_of_the_best_of_all_subsets(measure: st
 def test_the_order_of_the_candidates_changes_nothing() -> None:
     question = drawn(1, VARIANCE, n=30)
     order = np.random.default_rng(5).permutation(30)
-    shuffled = Question(question.rows[order], question.prior_information, question.target_combinations)
+    shuffled = OptimalityCriterion(question.rows[order], question.prior_information, question.target_combinations)
     one, other = best_poses([question], 6), best_poses([shuffled], 6)
     assert [int(order[i]) for i in other.rows] == one.rows.tolist()
 
@@ -67,7 +67,7 @@ def test_poses_are_shared_among_several_questions() -> None:
     rows = 0.01 * rng.standard_normal((20, 3, 2))
     rows[:10, 0, 0] += 3.0
     rows[10:, 0, 1] += 0.5
-    easy, hard = (Question(rows, np.eye(2) * 1e-3, np.eye(2)[:, [k]]) for k in (0, 1))
+    easy, hard = (OptimalityCriterion(rows, np.eye(2) * 1e-3, np.eye(2)[:, [k]]) for k in (0, 1))
     assert np.sum(best_poses([easy, hard], 6).rows >= 10) == 3
 
 

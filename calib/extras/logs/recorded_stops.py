@@ -12,8 +12,7 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.consistency.agreement import misfit_mm, sample_of
-from calib.consistency.own_pose import table_disagreement_mm
-from calib.consistency.own_pose import told as told_of_table
+from calib.consistency.own_pose import agreement_note, table_disagreement_mm
 from calib.dataset_import.columns import AS_MAPPED, Column, Meaning
 from calib.dataset_import.markers import spread_of
 from calib.dataset_import.plan import ImportSources
@@ -334,7 +333,7 @@ class _StoppedArm:
             if known.any():
                 off_mm = table_disagreement_mm(self.robot, self.mean_q[known], mean[known] * self._unit_mm(own, mean))
                 if off_mm is not None:
-                    agrees, sentence = told_of_table(f"{self.file}: {visible(own.name)}", off_mm)
+                    agrees, sentence = agreement_note(f"{self.file}: {visible(own.name)}", off_mm)
                     (self.notes if agrees else self.doubts).append(sentence)
 
     # ---- its table ---------------------------------------------------------------------------------------------------

@@ -18,14 +18,14 @@ from scipy.special import ndtr
 from calib.array_types import Array, IndexArray
 from calib.intervention.differences import Differences
 from calib.intervention.proof import MIN_LEAD, PairCandidate
-from calib.planning.question import Question
+from calib.planning.question import OptimalityCriterion
 
 _FREE = 1e-7  # share of the nuisance's own information that keeps it invertible
 
 
 @dataclass(frozen=True, kw_only=True)
-class PairQuestion(Question):
-    """Question which of C pairs prove one of T causes; its unknowns are the nuisance, then the candidates' parameters.
+class PairQuestion(OptimalityCriterion):
+    """Which of C pairs prove one of T causes; its unknowns are the nuisance, then the candidates' parameters.
 
     The target combinations are the causes: coefficients (K, T), of one candidate each.
     """
@@ -34,7 +34,7 @@ class PairQuestion(Question):
 
     @classmethod
     def of(cls, rows: Array, owner: IndexArray, causes: Array) -> PairQuestion:
-        """Question of pairs with rows (C, 3, K), and causes (T, P) by the last P parameters."""
+        """The criterion of pairs with rows (C, 3, K), and causes (T, P) by the last P parameters."""
         k = len(owner)
         combinations = np.zeros((k, len(causes)))
         combinations[k - causes.shape[1] :] = causes.T
@@ -44,7 +44,7 @@ class PairQuestion(Question):
     def of_differences(
         cls, differences: Differences, candidates: Sequence[PairCandidate], causes: Array
     ) -> PairQuestion:
-        """Question whose pairs are the places of given differences."""
+        """The criterion whose pairs are the places of given differences."""
         columns = np.concatenate([differences.nuisance, *(c.columns for c in candidates)], axis=1)
         cell = np.repeat(differences.cell, 3)
         rows = [columns[cell == k] for k in range(int(cell.max()) + 1)]

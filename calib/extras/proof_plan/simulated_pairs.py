@@ -151,7 +151,7 @@ class MeasuredPairs:
     candidates: Sequence[PairCandidate]
 
     def question(self, drawn: Sequence[DrawnCause]) -> tuple[PairQuestion, float] | None:
-        """Question for the causes drawn, each by the member that shows most, and the share of causes that show."""
+        """The criterion for the causes drawn, each by the member that shows most, and the share of causes that show."""
         names = [full_name(c.member, p) for c in self.candidates for p in c.parameters]
         hidden = np.zeros((int(self.differences.train.sum()), 0))
         visible = np.concatenate([hidden, *(c.visible for c in self.candidates)], axis=1)

@@ -25,7 +25,7 @@ from calib.frames import frames_by_name
 from calib.planning.criterion import BaseCriterion, DesignProblem
 from calib.planning.exchange import best_poses
 from calib.planning.outcome import Outcome, PoseReason
-from calib.planning.question import Question, inverse
+from calib.planning.question import OptimalityCriterion, inverse
 from calib.planning.start import FromFit
 from calib.planning.unknowns import Unknowns
 
@@ -60,7 +60,7 @@ class CheckedChange:
     """Usual change of a cell, with the optimality question by which candidate poses are judged to detect it."""
 
     model: ChangeModel
-    question: Question
+    question: OptimalityCriterion
     scanner_free: bool  # whether the scanner's frame is free in the question
 
     def size(self, chosen: IndexArray) -> float:
@@ -150,14 +150,16 @@ def usual_changes(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[C
     return tuple(changes)
 
 
-def _question(rows: Array, prior_information: Array, change: Array, unit: float) -> Question:
+def _question(rows: Array, prior_information: Array, change: Array, unit: float) -> OptimalityCriterion:
     """Optimality question for the size of a change, beside the other unknowns of the fit.
 
     The change has columns (N, r, K), the other unknowns rows (N, r, U).
     """
     count = change.shape[2]
     targets = np.concatenate([np.zeros((len(prior_information), count)), unit * np.eye(count)])
-    return Question(np.concatenate([rows, unit * change], axis=2), _with_free(prior_information, count), targets)
+    return OptimalityCriterion(
+        np.concatenate([rows, unit * change], axis=2), _with_free(prior_information, count), targets
+    )
 
 
 def _with_free(information: Array, count: int) -> Array:
@@ -168,7 +170,7 @@ def _with_free(information: Array, count: int) -> Array:
     return extended
 
 
-def _covariance(question: Question, chosen: IndexArray) -> Array:
+def _covariance(question: OptimalityCriterion, chosen: IndexArray) -> Array:
     """Covariance (K, K) of the parameter combinations asked about, once the chosen candidate poses are measured."""
     rows = question.rows[chosen].reshape(-1, question.rows.shape[2])
     return np.asarray(

@@ -11,7 +11,7 @@ from calib.diagnosis.verdict import Findings
 from calib.noise_shape import IDENTITY, NoiseShape
 from calib.present.effects import title
 from calib.rendering import numbers
-from calib.screening.noise_search import ShownNoise
+from calib.screening.noise_search import EstimatedNoise
 
 _ALIGNED = 0.98  # cosine from which a direction is called an axis of the scanner's frame
 
@@ -71,7 +71,7 @@ def noise_sentences(findings: Findings) -> str:
 
 def noise_document(findings: Findings) -> dict[str, Any] | None:
     """JSON keys on a noise shape other than the declared one; properties without evidence are None."""
-    shown: ShownNoise | None = findings.noise
+    shown: EstimatedNoise | None = findings.noise
     if shown is None:
         return None
     sigma_mm, shape, drift = noise_sigma_mm(findings), shown.shape, shown.shape.wander

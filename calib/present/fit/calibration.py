@@ -111,7 +111,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
         ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be known (rank)"),
         ("fit", f"{'converged' if fit.converged else 'not converged'} after {_iterations(calibration)}: {fit.reason}"),
     ]
-    if calibration.holds_table:
+    if calibration.links_fixed_to_table:
         facts.append(("links", "held as robot.toml has them; these points do not contradict it"))
     if np.isfinite(calibration.sigma_mm):
         times = f", {numbers.times(fit.reduced_chi)} the declared" if calibration.dataset.declares_noise else ""
@@ -439,7 +439,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "effects": calibration.model.family_names,
         "iterations": calibration.iteration_errors,
         "worse_than_nominal": worsening_sentence(calibration) or None,
-        "links_held": calibration.holds_table,
+        "links_held": calibration.links_fixed_to_table,
         **keys_of(fit, "converged", "reason", "rank", "degrees_of_freedom"),
         **keys_of(calibration, "residual", "before", "sigma_mm", "outliers"),
         **document(calibration.after),

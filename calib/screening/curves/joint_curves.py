@@ -115,10 +115,10 @@ def laws_or_curves(curves: LearnedCurves | None, laws: FoundLaws | None) -> Lear
     if laws is None:
         return curves
     found = LearnedCurves(laws.members, laws.log_evidence, laws.left_out_mm, laws)
-    return found if curves is None or says_as_much(found, found.log_evidence, curves) else curves
+    return found if curves is None or explains_as_much(found, found.log_evidence, curves) else curves
 
 
-def says_as_much(laws: LearnedCurves, log_evidence: float, curves: LearnedCurves) -> bool:
+def explains_as_much(laws: LearnedCurves, log_evidence: float, curves: LearnedCurves) -> bool:
     """Whether laws, with so much log evidence, say as much as curves with a third of the parameters.
 
     Or more, with no more parameters: laws that were found beside curves may have made all of these superfluous.

@@ -13,7 +13,7 @@ from calib.errors import CalibError
 from calib.measurement.measured_points import counted_reasons
 from calib.present.names import instrument
 from inspector.app.controllers.model_controller import ModelController
-from inspector.app.controllers.stage import Stage
+from inspector.app.controllers.stage import SceneController
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.panels.base import put
@@ -34,7 +34,7 @@ class DatasetController:
         state: PageState,
         scans: ScanCache,
         panels: Panels,
-        stage: Stage,
+        stage: SceneController,
         model: ModelController,
         *,
         on_open: Callable[[], None],

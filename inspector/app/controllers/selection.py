@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from inspector.app.controllers.stage import ARM, Stage
+from inspector.app.controllers.stage import ARM, SceneController
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.session.view import corner_of
@@ -18,7 +18,7 @@ MODEL_VIEWS = (ARM, "All corners")  # where the model's errors are seen
 class Selection:
     """Controller that selects a joint everywhere on the page, and shows the model as it was after a step."""
 
-    def __init__(self, state: PageState, panels: Panels, stage: Stage) -> None:
+    def __init__(self, state: PageState, panels: Panels, stage: SceneController) -> None:
         self._state, self._panels, self._stage = state, panels, stage
 
     def joint(self, number: int | None) -> None:

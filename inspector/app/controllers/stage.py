@@ -33,7 +33,7 @@ from inspector.session.view import FACTORS, POINT_VIEWS, VIEWS
 ALL_SCANS, ARM = "All scans", "Arm"
 
 
-class Stage:
+class SceneController:
     """Controller that draws the 3D view, moves the camera, and fills the panels of the selected pose."""
 
     def __init__(

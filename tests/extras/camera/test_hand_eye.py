@@ -57,7 +57,7 @@ def test_a_camera_is_found_within_its_sigmas_and_better_than_opencv_finds_it(on_
     scene = Scene.draw(rng, on_flange=on_flange, poses=20)
     dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1)
     calibration = calibrate(dataset, residual="pose")
-    assert calibration.holds_table
+    assert calibration.links_fixed_to_table
     (place,) = camera_places(calibration)
     error = place_errors(scene, place)
     assert error @ np.linalg.solve(place.covariance, error) < 22.5  # 0.1 % of six degrees of freedom
@@ -89,7 +89,7 @@ def test_a_board_of_a_slightly_other_size_moves_no_camera():
     scene = Scene.draw(rng, on_flange=True, poses=16)
     dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=true_lens(), swell=1.003, board_sigma=0.001)
     calibration = calibrate(dataset, residual="pose")
-    assert calibration.holds_table
+    assert calibration.links_fixed_to_table
     (place,) = camera_places(calibration)
     error = place_errors(scene, place)
     assert error @ np.linalg.solve(place.covariance, error) < 22.5  # 0.1 % of six degrees of freedom

@@ -11,7 +11,7 @@ from calib.present.cause.budget import budget_parts
 from calib.present.fit.errors import length
 from inspector.app.app import App
 from inspector.markup.headline import TO_FIND, headline_html
-from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Doing
+from inspector.session.loop import FIND, FIT, MEASURE, TAKE, TaskStatus
 from inspector.session.session import Session
 from inspector.session.view import View
 from tests.support.app import IDLE_S, plain
@@ -47,21 +47,21 @@ def test_the_stages_stand_over_the_view_with_their_units(app: App) -> None:
 
 
 def test_the_next_step_is_lit_and_starts_to_find(app: App) -> None:
-    html = headline_html(app.state.now, Doing())
+    html = headline_html(app.state.now, TaskStatus())
     assert steps_of(html) == {MEASURE: "done", FIT: "done", FIND: "next", TAKE: "later"}
     assert 'data-ask="find"' in html
     assert 'data-tab="Learn/What is missing"' in html
-    assert 'data-ask="find"' not in headline_html(app.state.now, Doing(finding=True, words="Looking …"))
-    assert "Looking …" in headline_html(app.state.now, Doing(finding=True, words="Looking …"))
+    assert 'data-ask="find"' not in headline_html(app.state.now, TaskStatus(finding=True, words="Looking …"))
+    assert "Looking …" in headline_html(app.state.now, TaskStatus(finding=True, words="Looking …"))
 
 
 def test_the_bar_divides_the_error_between_the_causes_of_the_model_on_show(app: App) -> None:
     session = app.state.session
-    html = headline_html(app.state.now, Doing())
+    html = headline_html(app.state.now, TaskStatus())
     bar = html[html.index('class="headline-budget"') : html.index('class="headline-note"')]
     for part in budget_parts(session.budget):
         assert f"{part.name} {part.words}: " in unescape(bar)
         assert part.colour in bar
     assert bar.count("<i ") == len(session.budget.shares)
     assert session.budget.shares[0].cause == "geometry"
-    assert "headline-budget" not in headline_html(View(Session(session.dataset)), Doing())
+    assert "headline-budget" not in headline_html(View(Session(session.dataset)), TaskStatus())

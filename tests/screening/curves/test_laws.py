@@ -19,7 +19,7 @@ from calib.models.model_file import load_model
 from calib.present.fit.learned import law_phrase, law_sentence, laws_document
 from calib.present.results import to_dict
 from calib.screening.curves.fitted_curves import fitted_curves
-from calib.screening.curves.joint_curves import LearnedCurves, says_as_much
+from calib.screening.curves.joint_curves import LearnedCurves, explains_as_much
 from calib.screening.curves.law_readings import law_readings
 from calib.screening.curves.law_search import law_member, search_laws
 from calib.screening.curves.laws import (
@@ -163,10 +163,10 @@ def test_laws_take_the_place_of_curves_with_three_times_the_parameters() -> None
         return LearnedCurves((SmoothJointError(0, modes, (1e-3,) * parameters),), log_evidence)
 
     few = learned(2, 50.0)
-    assert says_as_much(few, 50.0, learned(6, 51.0))
-    assert not says_as_much(few, 50.0, learned(6, 53.0))
-    assert not says_as_much(few, 50.0, learned(5, 51.0))
-    assert says_as_much(few, 50.0, learned(2, 50.0))
+    assert explains_as_much(few, 50.0, learned(6, 51.0))
+    assert not explains_as_much(few, 50.0, learned(6, 53.0))
+    assert not explains_as_much(few, 50.0, learned(5, 51.0))
+    assert explains_as_much(few, 50.0, learned(2, 50.0))
 
 
 # ---- causes of another simulator ------------------------------------------------------------------------------------
