@@ -11,7 +11,7 @@ from calib import calibrate
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.decision_rules import predicts_worse
-from calib.diagnosis.diagnose import Model, next_move
+from calib.diagnosis.diagnose import SearchState, next_move
 from calib.diagnosis.effect_selection import FitStep, candidate_of
 from calib.diagnosis.model_diagnosis import diagnosis_of_model
 from calib.diagnosis.moves import AddEffect, PartlyConfounded, SearchEnd, next_effect, search_stepwise
@@ -72,7 +72,7 @@ def test_an_effect_that_resembles_two_gives_way_where_two_are_all_that_may_be_ad
     dataset = measured_with((ONE, 1e-3), (TWO, 2e-3))
     families = families_from((ONE, TWO, BLEND))
     space = replace(SearchSpace.of(dataset, max_effects=2), families=families)
-    model, moves = Model((first_fit(space),)), []
+    model, moves = SearchState((first_fit(space),)), []
     while isinstance(move := next_move(space, model), AddEffect):
         moves.append((move.name, move.instead_of))
         said = plain(told.move(move))
