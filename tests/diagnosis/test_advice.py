@@ -11,7 +11,7 @@ from calib import calibrate, screen
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.advice import Advice, advice_on
-from calib.diagnosis.diagnose import Model, next_move
+from calib.diagnosis.diagnose import SearchState, next_move
 from calib.diagnosis.headline import held_out_beyond_noise
 from calib.diagnosis.moves import AddEffect, LeaveOutPoses, next_effect
 from calib.diagnosis.result import Diagnosis
@@ -60,7 +60,7 @@ def judged(dataset: Dataset, *, max_effects: int = 3) -> Advice | Diagnosis:
     space = SearchSpace.of(dataset, max_effects=max_effects)
     first = space.ranked(first_fit(space))
     tests = run_residual_tests(dataset, project_residual(first.calibration))
-    move = next_move(space, Model((first,), tests=tests))
+    move = next_move(space, SearchState((first,), tests=tests))
     return move if isinstance(move, Diagnosis) else advice_on(move, tests, first.calibration)
 
 
