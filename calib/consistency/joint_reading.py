@@ -121,4 +121,6 @@ def edits(reading: JointReading, turns: BoolArray, *, far: bool = False) -> Iter
         for to, of in ((i, j), (j, i)):
             if (far or j == i + 1) and not any(add[:2] == (to, of) for add in reading.added):
                 for factor in (1.0, -1.0):
-                    yield replace(reading, added=tuple(sorted((*reading.added, (to, of, factor)))))
+                    summed = replace(reading, added=tuple(sorted((*reading.added, (to, of, factor)))))
+                    if abs(np.linalg.det(summed.coupling)) > 0.5:  # else the joints do not tell the columns
+                        yield summed

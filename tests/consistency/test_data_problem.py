@@ -13,7 +13,7 @@ import pytest
 from calib import calibrate, diagnose
 from calib.consistency.data_problem import DataProblem, suspicions
 from calib.consistency.hypotheses import column_names, of_reading
-from calib.consistency.joint_reading import simple_readings
+from calib.consistency.joint_reading import JointReading, edits, simple_readings
 from calib.consistency.row_matching import matched_rows
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
@@ -199,6 +199,12 @@ def test_every_simple_reading_of_the_joints_changes_something(joints: int) -> No
     assert readings
     assert all(reading.edits for reading in readings)
     assert all(of_reading(reading, column_names(ARMS["rb5"])[:joints]).remedy for reading in readings)
+
+
+def test_every_change_of_a_reading_leaves_columns_that_tell_the_joints() -> None:
+    turns = np.ones(3, dtype=bool)
+    twice = [each for once in edits(JointReading.plain(3), turns, far=True) for each in edits(once, turns, far=True)]
+    assert all(of_reading(each, column_names(ARMS["rb5"])[:3]).remedy for each in twice if each.edits)
 
 
 @pytest.mark.parametrize("count", [5, 40])
