@@ -48,6 +48,8 @@ UNSETTLED = ("unexplained", "ambiguous", "outliers")
 """Verdicts that are a warning: the residual has a cause without a name."""
 _NO_NOISE_MM = 1e-6  # floor where no noise is declared
 _MORE_SCATTER, _BY_CHANCE = 1.5, 0.001  # scatter of repeats over their covariances, and its p-value, for a warning
+COARSE_CORNER_MM = 0.15
+"""Sigma of a corner (3D) above which scans gain little: arms are 0.3 to 1 mm off as delivered (`docs/measured.md`)."""
 MAX_SHARE_DROPPED = 0.5  # share of a scan's points without a value; more is a warning
 
 
@@ -78,6 +80,11 @@ class FoundCorners(Brief):
 
     scans: int
     sigma_mm: float  # median
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether the corners are known too coarsely for a calibration to gain much."""
+        return self.sigma_mm > COARSE_CORNER_MM
 
 
 @dataclass(frozen=True)
@@ -206,6 +213,13 @@ class Check(Presented):
         return tuple(item for item in self.items if item.passed is False)
 
     @property
+    def poses_missing(self) -> TooFewPoses | None:
+        """What is missing where all that was scanned is good enough and there are only too few poses yet."""
+        scanned = any(isinstance(item.evidence, FoundCorners) and not item.warning for item in self.items)
+        few = [item.evidence for item in self.failed if isinstance(item.evidence, TooFewPoses)]
+        return few[0] if scanned and few and len(self.failed) == 1 else None
+
+    @property
     def warnings(self) -> tuple[CheckItem, ...]:
         """Steps of the check that gave a warning, which does not decide the check."""
         return tuple(item for item in self.items if item.warning)
@@ -289,7 +303,8 @@ def _corners(searches: Mapping[str, CornerSearch]) -> CheckItem:
         for place in (search.places if isinstance(search, ScanSearch) else (search.corner,))
         if place is not None
     ]
-    return CheckItem("corners", True, FoundCorners(len(searches), float(np.median(sigmas))))
+    found = FoundCorners(len(searches), float(np.median(sigmas)))
+    return CheckItem("corners", None if found.is_coarse else True, found, warning=found.is_coarse)
 
 
 def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:

@@ -12,7 +12,12 @@ from calib import check, find_corners
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.jig import Jig
+from calib.present.over_time.checks import check_head
+from calib.rendering.text import block_text
 from calib.scans.scan import READERS, PointCount
+from calib.simulation.measured_dataset import write_simulation
+from calib.simulation.simulate import simulate_dataset
+from calib.validation import acceptance
 from calib.validation.acceptance import CheckItem, ErrorRatio, ResidualSigma, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
@@ -172,3 +177,19 @@ def test_a_sigma_declared_far_too_large_is_a_warning(sigma_mm: float, warned: bo
     assert (found.passed, found.warning) == (None, warned)
     assert isinstance(found.evidence, ResidualSigma)
     assert (found.evidence.meaning == "below") == warned
+
+
+def test_scans_are_judged_before_there_are_poses_enough_for_a_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two scans: good enough to go on, or coarser than what tells much of an arm."""
+    write_simulation(simulate_dataset("rb5", rng=1, poses=2, scans=True), tmp_path / "first")
+    found = check(tmp_path / "first")
+    assert found.poses_missing is not None
+    assert (found.passed, found.poses_missing.needed) == (False, 9)
+    assert "the scans are good enough; measure 9 training poses" in block_text(*check_head(found))
+
+    monkeypatch.setattr(acceptance, "COARSE_CORNER_MM", 0.01)
+    coarse = check(tmp_path / "first")
+    assert coarse.poses_missing is None
+    assert finding(coarse.items, "corners").status == "WARN"

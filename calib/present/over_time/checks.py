@@ -20,6 +20,7 @@ from calib.rendering import numbers
 from calib.rendering.blocks import Block, Presentation, Section, Table, Verdict, plain
 from calib.rendering.colours import BAD, DOUBT, GOOD
 from calib.validation.acceptance import (
+    COARSE_CORNER_MM,
     Check,
     CheckItem,
     ErrorRatio,
@@ -49,6 +50,9 @@ def _item(item: CheckItem) -> Presentation:
 
 def check_head(check: Check) -> list[Block]:
     """Blocks with the verdict whether a dataset passes."""
+    if (few := check.poses_missing) is not None:
+        told = f"the scans are good enough; measure {few.needed} training poses at least, better 40 ({few.poses} now)"
+        return [Verdict(f"{check.dataset.name}: {told}.", DOUBT)]
     count = len(check.warnings)
     more = f", with {numbers.count(count, 'warning')}" if count else ""
     verdict = f"{check.dataset.name}: {'passed' if check.passed else 'NOT GOOD ENOUGH'}{more}."
@@ -96,7 +100,12 @@ def _(missing: MissingCorners) -> str:
 
 @_sentence.register
 def _(found: FoundCorners) -> str:
-    return f"found in all {found.scans} scans, median sigma {numbers.length(found.sigma_mm)}"
+    scans = f"all {found.scans} scans" if found.scans > 1 else "the scan"
+    told = f"found in {scans}, median sigma {numbers.length(found.sigma_mm)}"
+    if not found.is_coarse:
+        return told
+    better = "go nearer, take a larger jig, or scan each pose several times"
+    return f"{told}, coarser than the {numbers.length(COARSE_CORNER_MM)} that tell much of an arm: {better}"
 
 
 @_sentence.register
