@@ -31,8 +31,6 @@ from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
-from calib.robot_formats.joint_targets import JointTarget, require_targets, written_targets
-from calib.robot_formats.target_form import TargetForm, form_of_targets
 from calib.text_files.csv_text import frame_csv
 
 
@@ -98,29 +96,3 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
         ]
     cells["reached"] = ["true" if reached else "false" for reached in correction.reached]
     return frame_csv(pd.DataFrame(cells))
-
-
-def corrected_file(path: Path, targets: Targets, correction: Correction) -> str:
-    """Content of a file of corrected targets: a controller's point list or a CSV table, by the file's suffix."""
-    require_targets(path, correction.robot)
-    form = form_of_targets(path)
-    if form is not None:
-        return corrected_points(form, path, correction, targets.poses.ids)
-    return corrected_table(targets, correction)
-
-
-def corrected_points(form: TargetForm, path: Path, correction: Correction, ids: Sequence[str]) -> str:
-    """Reached targets as text of a controller's point list; missed targets are comments with the reason.
-
-    Raises CalibError for an arm that the form cannot hold.
-    """
-    commanded = correction.robot.commands_of(correction.q)
-    reasons = (
-        "" if reached else reason for reached, reason in zip(correction.reached, correction.reasons, strict=True)
-    )
-    listed = [JointTarget(*one) for one in zip(ids, commanded, reasons, strict=True)]
-    heading = (
-        f"Joint targets of {correction.robot.name}, corrected for the calibrated arm ({correction.kind}).",
-        f"{int(correction.reached.sum())} of {len(listed)} targets are reached.",
-    )
-    return written_targets(form, path, correction.robot, listed, heading)

@@ -10,11 +10,27 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Poses
 from calib.kinematics.robot import Robot
-from calib.robot_formats.joint_targets import JointTarget, MeasuringStep
 from calib.workcell.measurable import collides
 from calib.workcell.order import clear_between, way_around
 from calib.workcell.pose_conditions import come_from
 from calib.workcell.workcell import Workcell
+
+
+@dataclass(frozen=True)
+class JointTarget:
+    """A joint target with the user's name for it."""
+
+    name: str
+    q: Array  # (n,) rad or mm, as it is commanded
+
+
+@dataclass(frozen=True)
+class MeasuringStep:
+    """A pose to measure, with the way to it from the pose before."""
+
+    target: JointTarget
+    way: tuple[JointTarget, ...] = ()  # points that the arm passes at rest, in this order
+    ask: str = ""  # what a person has to do or look at before the arm moves; "": nothing
 
 
 @dataclass(frozen=True)
@@ -67,11 +83,6 @@ def via_names(pose_id: str, way: JointPath) -> tuple[str, ...]:
 def passed(way: JointPath) -> Array:
     """Joints (k, n) of the points that the arm passes on a way, in their order."""
     return way.vias if way.starts_from is None else np.vstack([way.vias, way.starts_from])
-
-
-def targets_of(robot: Robot, poses: Poses, ways: tuple[JointPath, ...]) -> list[JointTarget]:
-    """All joint targets, as commanded, in the order in which the arm goes through them."""
-    return [target for step in steps_of(robot, poses, ways) for target in (*step.way, step.target)]
 
 
 def steps_of(robot: Robot, poses: Poses, ways: tuple[JointPath, ...]) -> list[MeasuringStep]:

@@ -6,16 +6,15 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from calib.compensation.target_files import Targets, corrected_file, load_targets, require_conditions
+from calib.compensation.target_files import Targets, corrected_table, load_targets, require_conditions
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
-from calib.errors import visible
+from calib.errors import CalibError, visible
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model
 from calib.present.fit.calibration import tool_shift_sentence
 from calib.present.moves.correction import correction_blocks, correction_document
 from calib.rendering.text import block_text
-from calib.robot_formats.joint_targets import require_targets
 from inspector.cli.calibrate_command import fitted, require_plausible
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.model_commands import refuse_fit_options
@@ -49,7 +48,10 @@ def _correct(options: CorrectOptions, dataset: Dataset) -> Callable[[FittedModel
         if (write := added.corrected(dataset)) is not None:
             return write
     assert options.joints is not None  # required where nothing else is corrected
-    require_targets(options.out, dataset.robot)
+    if options.out.suffix.lower() != ".csv":
+        raise CalibError(
+            f"--out {options.out}: corrected targets are written as .csv; a program is corrected by --program"
+        )
     return partial(_write_targets, options, dataset, load_targets(options.joints, dataset.robot))
 
 
@@ -57,6 +59,6 @@ def _write_targets(options: CorrectOptions, dataset: Dataset, targets: Targets, 
     ids = targets.poses.ids
     require_conditions(targets, model.needs, model.model.family_names)
     correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
-    write_text_atomically(options.out, corrected_file(options.out, targets, correction))
+    write_text_atomically(options.out, corrected_table(targets, correction))
     show(options, correction_document(correction, ids), block_text(*correction_blocks(correction, ids)))
     return 0 if correction.reached.all() else 1

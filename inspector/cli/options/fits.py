@@ -56,8 +56,7 @@ class CorrectOptions(FittingOptions, WithAdding):
 
     joints: Path | None = option("targets, columns as poses.csv", group="targets", required=True)
     out: Path = option(
-        "write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID); "
-        "of a program the corrected one, with its suffix",
+        "write the corrected targets: .csv; of a program the corrected one, with its suffix",
         required=True,
     )
     what: str | None = option(

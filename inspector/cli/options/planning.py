@@ -65,6 +65,4 @@ class PlanOptions(FittingOptions, RobotFileOptions):
         parse=values.mass_kg,
     )
     seed: int = option("of the poses to choose from (default 0)", 0, parse=values.seed)
-    out: Path | None = option(
-        "write the poses: .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID)",
-    )
+    out: Path | None = option("write the poses: .csv (poses.csv)")

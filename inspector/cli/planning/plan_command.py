@@ -77,7 +77,7 @@ def run_plan(options: PlanOptions) -> int:
         candidates=given or CANDIDATES,
         seed=options.seed,
     )
-    written = {} if options.out is None else {options.out: planned_file(options.out, plan)}
+    written = {} if options.out is None else {options.out: planned_file(plan)}
     for added in options.added:
         written |= added.files(plan)
     for path, text in written.items():

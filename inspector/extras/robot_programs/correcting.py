@@ -8,10 +8,10 @@ from pathlib import Path
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.errors import CalibError
+from calib.extras.robot_programs.measuring_program import require_joints
 from calib.extras.robot_programs.program_blocks import program_correction_blocks, program_correction_document
 from calib.extras.robot_programs.program_correction import corrected_program, require_no_conditions
 from calib.extras.robot_programs.program_targets import frames_given, load_program, require_frames
-from calib.extras.robot_programs.program_templates import require_joints
 from calib.models.fitted_model import FittedModel
 from calib.rendering.text import block_text
 from inspector.cli.additions import CorrectAddition

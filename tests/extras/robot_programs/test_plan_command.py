@@ -11,10 +11,10 @@ from inspector.cli.parser import main
 
 
 def test_a_program_is_written_beside_the_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["plan", "rb5", "--poses", "3", "--json", "--program", str(tmp_path / "measure.script")]
-    assert main([*asked, "--trigger", "output:1", "--settle-s", "0"]) == 0
+    asked = ["plan", "rb5", "--poses", "3", "--json", "--program"]
+    assert main([*asked, str(tmp_path / "measure.script")]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert [way["pose"] for way in document["ways"]] == [pose["pose"] for pose in document["poses"]]
-    assert "set_standard_digital_out(1, True)" in (tmp_path / "measure.script").read_text()
-    assert main(["plan", "rb5", "--poses", "3", "--settle-s", "2"]) == 2
-    assert "--settle-s is of a measuring program" in capsys.readouterr().err
+    text = (tmp_path / "measure.script").read_text()
+    assert [f'measure_here("{pose["pose"]}")' in text for pose in document["poses"]] == [True] * 3
+    assert main([*asked, str(tmp_path / "a.mod"), "--out", str(tmp_path / "poses.script")]) == 2
+    assert "by --program" in capsys.readouterr().err

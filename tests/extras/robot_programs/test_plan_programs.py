@@ -1,9 +1,9 @@
-"""Measuring programs of a plan, run by small controllers of the test's own, one for each language."""
+"""Measuring programs of a plan, run by a small controller of the test's own."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,18 +14,13 @@ from calib.array_types import Array
 from calib.dataset.dataset import Box
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.extras.robot_programs.measuring_options import MeasuringOptions, Signal
-from calib.extras.robot_programs.measuring_program import check_program
+from calib.extras.robot_programs.measuring_program import measuring_program, program_files, require_joints
 from calib.extras.robot_programs.program_targets import load_program
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.start import FromRobot
 from calib.planning.ways import passed
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.measurable import collides
-from inspector.export.plan_files import planned_file
-from inspector.extras.robot_programs.planned_program import planned_program
-
-SIGNALS = {".script": ("3", "4"), ".src": ("17", "18"), ".mod": ("doMeasure", "diDone")}
 
 
 @pytest.fixture(scope="module")
@@ -39,82 +34,35 @@ def plan() -> Plan:
     return replace(made, poses=replace(made.poses, approach=side, payload_kg=np.repeat([0.0, 2.0], 8)))
 
 
-@dataclass(frozen=True)
-class Controller:
-    """How a controller of a language reads a program: its points, and what each line does, by the first pattern."""
-
-    point: str  # name, joint values
-    in_rad: bool
-    does: dict[str, str]  # events by the patterns of lines; a group is what is told of them
-
-
-CONTROLLERS = {
-    ".script": Controller(
-        r"^\s*(\w+) = \[([-\d., ]*)\]",
-        True,
-        {
-            r"movej\((\w+), a=[\d.]+, v=[\d.]+\)": "move",
-            r"sleep\((.*)\)": "wait",
-            r"set_standard_digital_out\((\d+), True\)": "on",
-            r"while not get_standard_digital_in\((\d+)\):": "until",
-            r".*get_actual_joint_positions.*": "record",
-            r"popup.*": "ask",
-            r"while not socket_send_line.*": "send",
-            r".*socket_read_line.*": "reply",
-        },
-    ),
-    ".src": Controller(
-        r"^DECL AXIS (\w+)=\{(.*?)\}",
-        False,
-        {
-            r"PTP (\w+)": "move",
-            r"WAIT SEC (.*)": "wait",
-            r"PULSE \(\$OUT\[(\d+)\],TRUE,.*\)": "on",
-            r"WAIT FOR \$IN\[(\d+)\]": "until",
-            r"RECORDED\[(\d+)\]=\$AXIS_ACT": "record",
-            r"HALT": "ask",
-        },
-    ),
-    ".mod": Controller(
-        r"CONST jointtarget (\w+):=\[\[([^\]]*)\]",
-        False,
-        {
-            r"MoveAbsJ (\w+)\\NoEOffs,slow,fine,\w+;": "move",
-            r"WaitTime(?:\\InPos,| )(.*);": "wait",
-            r"PulseDO\\PLength:=.*,(\w+);": "on",
-            r"WaitDI (\w+),1;": "until",
-            r".*CJointT\(\).*": "record",
-            r"Stop;": "ask",
-            r"SocketSend.*": "send",
-            r"SocketReceive.*": "reply",
-        },
-    ),
+POINTS = {  # how a language writes joint values, and how a line does something else; a group is what is told of it
+    ".script": r"movej\(\[(.*?)\], a=[\d.]+, v=speed\)",
+    ".src": r"PTP \{(.*?)\}",
+    ".mod": r"MoveAbsJ \[\[(.*?)\],\[9E9,9E9,9E9,9E9,9E9,9E9\]\]\\NoEOffs,slow,fine,tool0;?",
+}
+DOES = {
+    r"sleep\((.*)\)|WAIT SEC (.*)|WaitTime(?:\\InPos,| )(.*?);?": "wait",
+    r".*get_actual_joint_positions.*|RECORDED\[NUMBER\]=\$AXIS_ACT|.*CJointT\(\).*": "record",
+    r"popup.*|HALT|Stop;": "ask",
 }
 Seen = list[tuple[str, object]]
 
 
 def run(files: dict[Path, str]) -> Seen:
     """Events in the order in which a controller comes to them: moves with their joints in degrees, waits in s."""
-    text = "\n".join(files.values())
-    controller = CONTROLLERS[next(iter(files)).suffix]
-    points = {
-        name: np.array([float(re.sub(r"^A\d ", "", word.strip())) for word in values.split(",")])
-        for name, values in re.findall(controller.point, text, re.MULTILINE)
-    }
-    here = re.search(r"(?:def|PROC) measure_here\(.*?\):?\n(.*?)\n  (?:end|ENDPROC)\n", text, re.DOTALL)
-    body = text if here is None else text.replace(here[0], "")
+    text, suffix = next(iter(files.values())), next(iter(files)).suffix
+    here = re.search(r"(?im)^( *)(?:def|PROC) measure_here\(.*\n((?:.*\n)*?)^\1(?:end|ENDPROC)\s*$", text)
+    assert here is not None
     seen: Seen = []
-    for line in body.splitlines():
-        inner = here[1].splitlines() if here is not None and re.match(r" +measure_here", line) else [line]
-        for each in inner:
-            each = re.sub(r"\s*#.*", "", each).strip()
-            for pattern, event in controller.does.items():
+    for line in text.replace(here[0], "").splitlines():
+        inner = here[2].splitlines() if re.match(r"(?i) *measure_here", line) else [line]
+        for each in (re.sub(r"\s*[#;!] .*", "", one).strip() for one in inner):
+            if match := re.fullmatch(POINTS[suffix], each):
+                q = np.array([float(re.sub(r"^A\d ", "", word.strip())) for word in match[1].split(",")])
+                seen.append(("move", np.degrees(q) if suffix == ".script" else q))
+            for pattern, event in DOES.items():
                 if match := re.fullmatch(pattern, each):
-                    told = match[1] if match.groups() else None
-                    if event == "move":
-                        told = np.degrees(points[told]) if controller.in_rad else points[told]
-                    seen.append((event, float(told) if event == "wait" else told))
-                    break
+                    told = next(filter(None, match.groups()), "") if match.groups() else ""
+                    seen.append((event, float(told) if event == "wait" else None))
     return seen
 
 
@@ -131,21 +79,16 @@ def expected_way(plan: Plan) -> tuple[Array, list[int]]:
     return np.degrees(rows), at
 
 
-@pytest.mark.parametrize("suffix", CONTROLLERS)
+@pytest.mark.parametrize("suffix", POINTS)
 def test_a_program_goes_the_planned_way_and_measures_at_each_pose(plan: Plan, suffix: str) -> None:
-    out, done = SIGNALS[suffix]
-    options = MeasuringOptions(settle_s=1.5, trigger=Signal("output", out), measured=Signal("input", done))
-    seen = run(planned_program(Path(f"measure{suffix}"), plan, options))
+    seen = run(measuring_program(Path(f"measure{suffix}"), plan))
     way_deg, poses_at = expected_way(plan)
-    np.testing.assert_allclose(moves(seen), way_deg, atol=1e-7)
+    np.testing.assert_allclose(moves(seen), way_deg, atol=1e-6)
     stops = [k for k, (event, _) in enumerate(seen) if event == "move"]
-    for number, move in enumerate(poses_at):
+    for move in poses_at:
         last = stops[move + 1] if move + 1 < len(stops) else len(seen)
-        events = [each for each in seen[stops[move] + 1 : last] if each[0] in ("wait", "on", "until", "record")]
-        (settle, record, on, *pulse, until) = events
-        assert (settle, on, until) == (("wait", 1.5), ("on", out), ("until", done))
-        assert pulse in ([], [("wait", 0.2)])  # of KRL and RAPID it is part of the instruction
-        assert record == ("record", str(number + 1) if suffix == ".src" else None)
+        events = [each for each in seen[stops[move] + 1 : last] if each[0] != "ask"]
+        assert events == [("wait", 1.0), ("record", None), ("wait", 3.0)]
     before, between = (k for k, (event, _) in enumerate(seen) if event == "ask")  # where the payload changes
     assert before < stops[0]
     assert stops[poses_at[7]] < between < stops[poses_at[7] + 1]
@@ -153,7 +96,7 @@ def test_a_program_goes_the_planned_way_and_measures_at_each_pose(plan: Plan, su
 
 def test_a_pose_that_is_approached_from_a_side_is_come_to_from_there(plan: Plan) -> None:
     at, (_, poses_at) = (
-        np.radians(moves(run(planned_program(Path("m.src"), plan, MeasuringOptions())))),
+        np.radians(moves(run(measuring_program(Path("m.src"), plan)))),
         expected_way(plan),
     )
     arrives = np.sign(at[poses_at] - at[np.array(poses_at) - 1])
@@ -165,47 +108,22 @@ def test_a_pose_that_is_approached_from_a_side_is_come_to_from_there(plan: Plan)
 def test_each_piece_of_the_way_is_free_as_a_fine_walk_along_it_finds(plan: Plan) -> None:
     assert plan.blocked
     assert any(len(way.vias) for way in plan.ways)
-    seen = run(planned_program(Path("measure.src"), plan, MeasuringOptions()))
+    seen = run(measuring_program(Path("measure.src"), plan))
     cell = plan.start.cell
     for one, other in pairwise(np.radians(moves(seen))):
         walk = one + np.linspace(0.0, 1.0, 120)[:, None] * (other - one)
         assert np.mean(collides(cell, walk)) < 0.03  # what lies between the places that were checked
 
 
-@pytest.mark.parametrize("suffix", CONTROLLERS)
+@pytest.mark.parametrize("suffix", POINTS)
 def test_the_project_reads_its_own_programs_again(plan: Plan, suffix: str, tmp_path: Path) -> None:
-    files = planned_program(tmp_path / f"measure{suffix}", plan, MeasuringOptions())
-    for path, text in files.items():
+    for path, text in measuring_program(tmp_path / f"measure{suffix}", plan).items():
+        assert text.isascii()
         path.write_text(text)
-    program = load_program(list(files)[-1])  # of KRL the data list
-    way_deg, _ = expected_way(plan)
+    program = load_program(tmp_path / f"measure{suffix}")
     assert {target.kind for target in program.targets} == {"joints"}
     values = np.array([target.values for target in program.targets])
-    np.testing.assert_allclose(np.degrees(values) if suffix == ".script" else values, way_deg, atol=1e-6)
-
-
-def test_a_socket_is_told_of_each_pose_and_answers(plan: Plan) -> None:
-    options = MeasuringOptions(trigger=Signal("socket", host="10.0.0.5", port=5000), measured=Signal("reply"))
-    for suffix in (".script", ".mod"):
-        events = run(planned_program(Path(f"measure{suffix}"), plan, options))
-        told = [event for event, _ in events if event in ("record", "send", "reply")]
-        assert told == ["record", "send", "reply"] * len(plan.poses)
-    with pytest.raises(CalibError, match="KRL itself has no sockets"):
-        check_program(Path("measure.src"), options)
-
-
-def test_a_program_moves_at_the_speed_that_is_asked_for(plan: Plan) -> None:
-    text = planned_program(Path("measure.script"), plan, MeasuringOptions(speed=20.0))[Path("measure.script")]
-    speeds = re.findall(r"movej\(\w+, a=[\d.]+, v=([\d.]+)", text)
-    np.testing.assert_allclose(np.degrees(np.array(speeds, dtype=float)), 20.0, atol=1e-3)
-
-
-def test_point_lists_lead_around_too(plan: Plan) -> None:
-    rows = re.findall(r"^\w+ = \[([^\]]*)\]", planned_file(Path("poses.script"), plan), re.MULTILINE)
-    written = [[float(v) for v in row.split(",")] for row in rows]
-    np.testing.assert_allclose(np.degrees(written), expected_way(plan)[0], atol=1e-7)
-    with pytest.raises(CalibError, match=re.escape("poses.txt: a plan is")):
-        planned_file(Path("poses.txt"), plan)
+    np.testing.assert_allclose(np.degrees(values) if suffix == ".script" else values, expected_way(plan)[0], atol=1e-6)
 
 
 def test_a_pose_without_a_free_way_makes_no_program(plan: Plan) -> None:
@@ -216,22 +134,19 @@ def test_a_pose_without_a_free_way_makes_no_program(plan: Plan) -> None:
     cell = replace(plan.start.cell, boxes=shut)
     walled = replace(plan, start=replace(plan.start, cell=cell))
     with pytest.raises(CalibError, match=r"m\.script: no way .* was found"):
-        planned_program(Path("m.script"), walled, MeasuringOptions())
+        measuring_program(Path("m.script"), walled)
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "found"),
-    [
-        ("m.txt", MeasuringOptions(), "for another controller write the poses as .csv"),
-        ("my program.mod", MeasuringOptions(), "my_program.mod will do"),
-        ("m.script", MeasuringOptions(trigger=Signal("output", "9")), "have numbers, 0 to 7"),
-        ("m.mod", MeasuringOptions(trigger=Signal("output", "1")), "have names"),
-        ("m.script", MeasuringOptions(measured=Signal("reply")), "--trigger socket"),
-        ("m.src", MeasuringOptions(speed=250.0), "100 at most"),
-        ("m.script", MeasuringOptions(tool_name="tool1"), "leave out --tool-name"),
-        ("m.script", MeasuringOptions(trigger=Signal("socket", host='x"y', port=1)), "no host's name"),
-    ],
+    ("name", "found"),
+    [("m.txt", "for another controller write the poses as .csv"), ("my program.mod", "letters, digits and _")],
 )
-def test_what_a_language_cannot_do_is_refused(name: str, options: MeasuringOptions, found: str) -> None:
+def test_what_is_no_program_is_refused(name: str, found: str) -> None:
     with pytest.raises(CalibError, match=re.escape(found)):
-        check_program(Path(name), options)
+        program_files(Path(name))
+
+
+@pytest.mark.parametrize(("turn", "reason"), [([True] * 7, "has 7"), ([False] * 3 + [True] * 3, "3 and 3 sliding")])
+def test_other_arms_are_refused(turn: list[bool], reason: str) -> None:
+    with pytest.raises(CalibError, match=reason):
+        require_joints(Path("m.mod"), "RAPID", turn)
