@@ -5,12 +5,10 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol
 
-from calib.array_types import Vector
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
@@ -23,40 +21,10 @@ from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
 from calib.progress import OnProgress
 from calib.robot_formats.conventions import RobotReading, robot_readings
-from calib.robot_formats.robot_file import ReadOptions, RobotFile
+from calib.robot_formats.robot_file import RobotFile
 
 
-class MeasuredChoice(Protocol):
-    """What the user gives a plug-in to measure in place of points and scans."""
-
-    @property
-    def unit(self) -> str:
-        """Noun of the files that are measured one after the other, such as "image"; "" where nothing takes long."""
-
-    def sources(self, sources: ImportSources, on_progress: OnProgress | None) -> ImportSources:
-        """The sources with what was measured. Raises CalibError."""
-
-
-@dataclass(frozen=True)
-class ImportChoice:
-    """The user's choice among the files; None for the likeliest."""
-
-    robot: str | None = None  # the name of a built-in one, or a file
-    reading: ReadOptions = field(default_factory=ReadOptions)
-    joints: Path | None = None
-    points: Path | None = None
-    mapping: Mapping[str, Meaning] = field(default_factory=dict)
-    point_sigma_mm: float | None = None  # of one measured point, each axis
-    place_sigma_mm: float | None = None  # of each known place that was visited
-    tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
-    tool_mass_kg: float | None = None
-    edge_mm: float | None = None  # of the jig in scans
-    skip_bad_rows: bool = False
-    measured: MeasuredChoice | None = None  # what a plug-in is to measure
-    flange_poses: Path | None = None  # in place of joint values
-
-
-def plan_of_files(files: UserFiles, choice: ImportChoice, on_progress: OnProgress | None = None) -> ImportPlan:
+def plan_of_files(files: UserFiles, choice: ImportSources, on_progress: OnProgress | None = None) -> ImportPlan:
     """Plan of an import of the chosen files, with all faults of the files in `faults`.
 
     `on_progress` is called with (done, total, file name) after each file that a plug-in has measured in.
@@ -71,22 +39,17 @@ def plan_of_files(files: UserFiles, choice: ImportChoice, on_progress: OnProgres
     if choice.points is not None and is_workbook(choice.points):
         points = next(iter(of_workbook(choice.points).of(POINTS, BOTH)), points)
     robots, faults = _robots(files, choice)
-    sources = ImportSources(
-        robots, joints, points, files.scans, choice.mapping, faults,
-        point_sigma_mm=choice.point_sigma_mm, place_sigma_mm=choice.place_sigma_mm,
-        tool_mm=choice.tool_mm, tool_mass_kg=choice.tool_mass_kg, edge_mm=choice.edge_mm,
-        skip_bad_rows=choice.skip_bad_rows,
-    )  # fmt: skip
-    if choice.flange_poses is not None and choice.measured is None:
+    sources = replace(choice, robots=robots, joints=joints, points=points, scans=files.scans, faults=faults)
+    if choice.to_measure is not None:
+        if faults:
+            raise CalibError(faults[0])
+        return plan_import(choice.to_measure.sources(sources, on_progress))
+    if choice.flange_poses is not None:
         return plan_of_flange_poses(replace(sources, points=choice.points), choice.flange_poses)
-    if choice.measured is not None:
-        if sources.faults:
-            raise CalibError(sources.faults[0])
-        sources = choice.measured.sources(sources, on_progress)
     return plan_import(sources)
 
 
-def _robots(files: UserFiles, choice: ImportChoice) -> tuple[tuple[RobotReading, ...], tuple[str, ...]]:
+def _robots(files: UserFiles, choice: ImportSources) -> tuple[tuple[RobotReading, ...], tuple[str, ...]]:
     name = choice.robot or next(map(str, files.robots), None)
     if name is None:
         return (), ()

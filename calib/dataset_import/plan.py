@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -13,13 +14,7 @@ from calib.array_types import Array, Vector
 from calib.consistency.own_pose import agreement_note, own_pose_columns, table_disagreement_mm
 from calib.corners.edge_length import measured_edge_mm
 from calib.dataset.dataset import Dataset
-from calib.dataset_import.bad_rows import (
-    NOTHING_LEFT_OUT,
-    LeftOutRows,
-    left_out_rows,
-    too_many_bad_rows,
-    without_remarks,
-)
+from calib.dataset_import.bad_rows import lines_of, note_of, rows_of, too_many_bad_rows, without_remarks
 from calib.dataset_import.columns import Meaning, are_names
 from calib.dataset_import.convention import Sheet, has_known_unit, settled, with_told_commands
 from calib.dataset_import.drives import drives_in_words
@@ -60,9 +55,10 @@ from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, leng
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
 from calib.errors import CalibError, DatasetError
 from calib.plugins import contributions, load
+from calib.progress import OnProgress
 from calib.rendering import numbers
 from calib.robot_formats.conventions import RobotReading
-from calib.robot_formats.robot_file import RobotFile
+from calib.robot_formats.robot_file import ReadOptions, RobotFile
 from calib.robot_formats.urdf.meshes import stl_of_links
 from calib.scans.scan import load_scan
 from calib.text_files.column_names import split_unit
@@ -77,27 +73,42 @@ _MOST_NAMED = 8
 _SCANS_FOR_EDGE = 3
 
 
+class MeasuredChoice(Protocol):
+    """What the user gives a plug-in to measure in place of points and scans."""
+
+    @property
+    def unit(self) -> str:
+        """Noun of the files that are measured one after the other, such as "image"; "" where nothing takes long."""
+
+    def sources(self, sources: ImportSources, on_progress: OnProgress | None) -> ImportSources:
+        """The sources with what was measured. Raises CalibError."""
+
+
 @dataclass(frozen=True)
 class ImportSources:
-    """Robots, tables and scans to import; `points` is None where the joints' table or scans contain the points."""
+    """What to import, as the user chose it, None for the likeliest, and as it was found in the files."""
 
-    robots: tuple[RobotReading, ...]  # one robot by each convention that its file may be in; (): none yet
-    joints: Path | None
-    points: Path | None = None
+    robots: tuple[RobotReading, ...] = ()  # one robot by each convention that its file may be in; (): none yet
+    joints: Path | None = None
+    points: Path | None = None  # None where the joints' table or scans contain the points
     scans: Mapping[str, Path] = field(default_factory=dict)  # a file by its stem
     mapping: Mapping[str, Meaning] = field(default_factory=dict)
     faults: tuple[str, ...] = ()  # of a robot that could not be read
+    robot: str | None = None  # the name of a built-in one, or a file
+    reading: ReadOptions = field(default_factory=ReadOptions)
     point_sigma_mm: float | None = None  # of one measured point, each axis; None where it is not known
     place_sigma_mm: float | None = None  # of each known place that was visited; None where it is not known
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
     tool_mass_kg: float | None = None
     edge_mm: float | None = None  # of the jig in scans; None: measured
     skip_bad_rows: bool = False
+    flange_poses: Path | None = None  # in place of joint values
+    to_measure: MeasuredChoice | None = None  # by a plug-in
+    measured: MeasuredPoses | None = None  # by it, in place of points and scans
     tables: Mapping[Path, UserTable] = field(default_factory=dict)  # of a plug-in, by the path that names them
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     joint_unit_is_unknown: bool = False  # whatever their size: they may be no angles at all
-    measured: MeasuredPoses | None = None  # by a plug-in, in place of points and scans
 
 
 @dataclass(frozen=True)
@@ -171,13 +182,11 @@ def plan_import(sources: ImportSources) -> ImportPlan:
     bad = planning.report.row_faults
     if not bad:
         return plan
-    tables = _tables_with_rows(sources)
-    too_many = too_many_bad_rows(tables, bad)
+    too_many = too_many_bad_rows(_tables_with_rows(sources), bad)
     if too_many or not sources.skip_bad_rows:
         faults = (*(too_many if sources.skip_bad_rows else ()), *plan.faults)
         return replace(plan, faults=faults, bad_rows=tuple(bad), has_too_many_bad_rows=bool(too_many))
-    left_out = left_out_rows(tables, bad, _pose_columns(sources, tables))
-    return replace(_Planning(sources, left_out).of_rows(), bad_rows=tuple(bad), are_left_out=True)
+    return replace(_Planning(sources, bad).of_rows(), bad_rows=tuple(bad), are_left_out=True)
 
 
 def _form_of(sources: ImportSources) -> ImportSource | None:
@@ -204,27 +213,17 @@ def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
     return list({table.path.resolve(): table for table in tables if table is not None}.values())
 
 
-def _pose_columns(sources: ImportSources, tables: Sequence[UserTable]) -> list[str]:
-    """Column of each table that names the pose; "" where there is none."""
-    report = ImportReport(sources.robots[0].robot.robot if sources.robots else None)
-    found = [
-        recognised(report, table, sources.mapping, positions=k > 0, joints=k == 0) for k, table in enumerate(tables)
-    ]
-    return [each.pose for each in (named_by_values(report, found[0], found[1]) if len(found) == 2 else found)]
-
-
 def _loaded(
-    report: ImportReport, sources: ImportSources, path: Path | None, left_out: LeftOutRows = NOTHING_LEFT_OUT
+    report: ImportReport, sources: ImportSources, path: Path | None, bad: Sequence[RowFault] = ()
 ) -> UserTable | None:
-    """Table of a file without the rows that are left out, its faults reported; None where it cannot be read."""
+    """Table of a file, its faults reported but for those of bad rows; None where it cannot be read."""
     if path is None:
         return None
     if path in sources.tables:
         return sources.tables[path]
-    lines = left_out.lines(path)
 
     def fault(found: Fault) -> None:
-        if not (isinstance(found, RowFault) and found.line in lines):
+        if not isinstance(found, RowFault) or lines_of(bad, path).isdisjoint({found.line}):
             report.fault(found)
 
     try:
@@ -239,8 +238,7 @@ def _loaded(
             f"{path}: its names stand below each other and each pose is a column: it is turned, and a line "
             "that is told of it is a column's number"
         )
-    table = without_remarks(report, table)
-    return table.without(lines) if lines else table
+    return without_remarks(report, table)
 
 
 class _Planning:
@@ -250,11 +248,11 @@ class _Planning:
     the points, or where there are none.
     """
 
-    def __init__(self, sources: ImportSources, left_out: LeftOutRows = NOTHING_LEFT_OUT) -> None:
+    def __init__(self, sources: ImportSources, bad: Sequence[RowFault] = ()) -> None:
         robot = sources.robots[0].robot.robot if sources.robots else None
-        self.sources, self.left_out = sources, left_out
+        self.sources, self.bad = sources, bad  # rows to leave out
         self.report = ImportReport(robot, list(sources.faults), list(sources.notes), list(sources.doubts))
-        self.report.notes += [*left_out.notes, *_tool_note(sources), *_measured_notes(sources)]
+        self.report.notes += [*_tool_note(sources), *_measured_notes(sources)]
         self.joints: MeantTable | None = None
         self.points: MeantTable | None = None
         self.ids: list[str] = []
@@ -262,6 +260,7 @@ class _Planning:
         self.scan_of: dict[int, Path] = {}  # by the row of the joints
         self.robot_file = sources.robots[0].robot if sources.robots else None
         self.asked: list[Question] = []
+        self.told_bad: list[str] = []
 
     def plan(self, content: Content | None = None, preview: Dataset | None = None) -> ImportPlan:
         """Plan with what was found so far, which has faults where there is no content."""
@@ -276,11 +275,11 @@ class _Planning:
     def of_rows(self) -> ImportPlan:
         """Plan of the import without the rows that are left out."""
         report, sources = self.report, self.sources
-        table = _loaded(report, sources, sources.joints, self.left_out)
+        table = _loaded(report, sources, sources.joints, self.bad)
         same = sources.points is None or (
             sources.joints is not None and sources.points.resolve() == sources.joints.resolve()
         )
-        other = None if same else _loaded(report, sources, sources.points, self.left_out)
+        other = None if same else _loaded(report, sources, sources.points, self.bad)
         tables = [each for each in (table, other) if each is not None]
         for column in sources.mapping:
             if tables and "*" not in column and not any(column in each.columns for each in tables):
@@ -297,16 +296,16 @@ class _Planning:
             return self.plan()
         wants_points = same and not sources.scans and sources.measured is None
         self.joints = recognised(report, table, sources.mapping, positions=wants_points)
-        if same and wants_points:
-            self.joints, self.points = parted(report, self.joints)
-        elif other is not None:
+        if other is not None:
             self.points = recognised(report, other, sources.mapping, positions=True, joints=False)
             self.joints, self.points = named_by_values(report, self.joints, self.points)
             if not self.points.pose and (of_visits := named_places(report, self.joints, other)) is not None:
                 self.points = recognised(report, of_visits, sources.mapping, positions=True, joints=False)
-        else:
-            if not same:
-                return self.plan()
+        elif not same:
+            return self.plan()
+        self._leave_out_bad_rows()
+        if wants_points:
+            self.joints, self.points = parted(report, self.joints)
         self.ids = pose_ids(report, self.joints)
         if sources.scans and sources.measured is None:
             self._match_scans()
@@ -322,6 +321,28 @@ class _Planning:
             replace(f, path=path) if isinstance(f, RowFault) and f.path == made else f for f in report.faults
         ]
         return replace(plan, faults=tuple(map(str, report.faults)))
+
+    def _leave_out_bad_rows(self) -> None:
+        """Leave out rows that cannot be read, with those of the other table that belong to them by name or order."""
+        joints, points = self.joints, self.points
+        if not self.bad or joints is None:
+            return
+        gone = rows_of(joints.table, lines_of(self.bad, joints.path))
+        self.told_bad = [note_of(joints.table, self.bad)] if gone else []
+        if points is not None:
+            bad_points = rows_of(points.table, lines_of(self.bad, points.path))
+            self.told_bad += [note_of(points.table, self.bad)] if bad_points else []
+            of_points = range(len(points.table))
+            if points.pose:
+                pose_of = matched(points.cells("pose"), pose_ids(ImportReport(None), joints)).pose
+                all_bad = bad_points | {i for i in of_points if pose_of[i] in gone}
+            else:
+                all_bad = gone = gone | bad_points
+            if all_bad > bad_points:
+                self.told_bad.append(f"{points.path.name}: rows of these poses are left out, too")
+            self.points = points.of_rows([i for i in of_points if i not in all_bad])
+        self.report.notes += self.told_bad
+        self.joints = joints.of_rows([i for i in range(len(joints.table)) if i not in gone])
 
     def _match_scans(self) -> None:
         """Find the pose of each scan; poses without one are left out where there are no points."""
@@ -506,7 +527,7 @@ class _Planning:
             report.robot, poses_csv, points_csv, {path.stem: path for path in self.scan_of.values()},
             f"imported from {sources.joints.name}", sources.robots[0].path,
             point_sigma_mm=None if points_csv is None else sources.point_sigma_mm,
-            place_sigma_mm=None if points_csv is None else sources.place_sigma_mm, notes=self.left_out.notes,
+            place_sigma_mm=None if points_csv is None else sources.place_sigma_mm, notes=tuple(self.told_bad),
             measured=by_plugin, meshes=meshes, edge_mm=edge_mm,
         )  # fmt: skip
         try:

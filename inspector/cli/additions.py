@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 if TYPE_CHECKING:
     from calib.calibration.result import Calibration
     from calib.dataset.dataset import Dataset
-    from calib.dataset_import.import_dataset import ImportChoice
+    from calib.dataset_import.plan import ImportSources
     from calib.models.fitted_model import FittedModel
     from calib.planning.plan import Plan
 
@@ -77,6 +77,6 @@ class CorrectAddition(Addition[Asked, Command]):
 class ImportAddition(Addition[Asked, Command]):
     """What `import` asks."""
 
-    def chosen(self, choice: ImportChoice) -> ImportChoice:
+    def chosen(self, choice: ImportSources) -> ImportSources:
         """What is to be imported, and how."""
         return choice

@@ -10,8 +10,8 @@ from pathlib import Path
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import ArchiveLimits, unpack
-from calib.dataset_import.import_dataset import ImportChoice, plan_of_files, without_folder
-from calib.dataset_import.plan import ImportPlan
+from calib.dataset_import.import_dataset import plan_of_files, without_folder
+from calib.dataset_import.plan import ImportPlan, ImportSources
 from calib.dataset_import.user_files import UserFiles, look_through
 from calib.errors import CalibError
 from calib.options import BUILTIN_ROBOTS
@@ -37,7 +37,7 @@ class LookedThrough:
     faults: tuple[str, ...] = ()  # why what looks like a dataset cannot be opened
 
 
-def looked_through(folder: Path, choice: ImportChoice) -> LookedThrough:
+def looked_through(folder: Path, choice: ImportSources) -> LookedThrough:
     """Uploaded files recognised, and a dataset planned of them as far as it was chosen."""
     files = look_through(folder)
     if len(files.datasets) > 1:

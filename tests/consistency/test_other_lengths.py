@@ -11,7 +11,8 @@ import pytest
 from calib import calibrate, diagnose
 from calib.consistency.leading_entry import leading_entry
 from calib.dataset.dataset import Dataset
-from calib.dataset_import.import_dataset import ImportChoice, plan_of_files, unpacked, write_plan
+from calib.dataset_import.import_dataset import plan_of_files, unpacked, write_plan
+from calib.dataset_import.plan import ImportSources
 from calib.present.fit.calibration import leading_entry_sentence
 from tests.support.scenarios.shop import Arm, session
 
@@ -20,7 +21,7 @@ def imported(folder: Path, told: Arm, *, seed: int, links: float = 1.0, poses: i
     """Dataset of a session whose URDF is `told`."""
     session(seed, told=told, links=links, poses=poses).write(folder / "files")
     with unpacked(folder / "files") as files:
-        return write_plan(plan_of_files(files, ImportChoice()), folder / "cell").dataset
+        return write_plan(plan_of_files(files, ImportSources()), folder / "cell").dataset
 
 
 def with_origin(joint: int, *, longer_m: tuple[float, float, float] = (0, 0, 0), turned_deg: float = 0.0) -> Arm:

@@ -83,7 +83,7 @@ def test_the_rest_comes_out_and_the_notes_of_import_and_dataset_name_the_rows(tr
     assert len(made.points) == COUNT - len({*gone, *UNMEASURED, BAD_POINT})
     for part in (
         "joints.csv: 2 of 20 rows", "line 5, column q3_rad (found 'n/a')", "line 9", "points.csv: 1 of 18 rows",
-        "line 12 (found 5 cells", "lines 5, 9",
+        "line 12 (found 5 cells", "points.csv: rows of these poses are left out, too",
     ):  # fmt: skip
         for notes in (plan.notes, made.notes, load_dataset(tmp_path / "cell").notes):
             assert any(part in note for note in notes), part

@@ -11,8 +11,8 @@ import viser
 
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.import_dataset import ImportChoice, copy_dataset, write_plan
-from calib.dataset_import.plan import ImportPlan
+from calib.dataset_import.import_dataset import copy_dataset, write_plan
+from calib.dataset_import.plan import ImportPlan, ImportSources
 from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm, typed_size
 from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError
@@ -56,7 +56,7 @@ class _Import:
     session: Saved | None = None  # a session on that dataset
     session_words: str = ""
     wrong: tuple[str, ...] = ()  # typed values that cannot be read
-    choice: ImportChoice = field(default_factory=ImportChoice)
+    choice: ImportSources = field(default_factory=ImportSources)
     suggested: str = ""
     tips: tuple[str, ...] = ()
     plans: int = 0  # begun so far

@@ -10,7 +10,6 @@ from typing import Any
 from calib.dataset.dataset import ROLES, Dataset
 from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import (
-    ImportChoice,
     copy_dataset,
     plan_of_files,
     require_free,
@@ -19,7 +18,7 @@ from calib.dataset_import.import_dataset import (
     without_folder,
     write_plan,
 )
-from calib.dataset_import.plan import ImportPlan
+from calib.dataset_import.plan import ImportPlan, ImportSources
 from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError, visible
 from calib.present.cause.diagnosis import diagnosis_document
@@ -34,7 +33,7 @@ def run_import(options: ImportOptions) -> int:
     """Make a dataset folder from a user's files."""
     choice = _choice(options)
     is_named = options.robot is not None and options.joints is not None
-    if options.source is None and choice.measured is None and not is_named and options.flange_poses is None:
+    if options.source is None and choice.to_measure is None and not is_named and options.flange_poses is None:
         raise CalibError(
             "give --robot and --joints, --flange-poses with --points or alone, or --from with a zip or a folder that "
             "holds them"
@@ -45,7 +44,7 @@ def run_import(options: ImportOptions) -> int:
     with given as files:
         if files.datasets:
             return _ready(options, files)
-        unit = "" if choice.measured is None else choice.measured.unit
+        unit = "" if choice.to_measure is None else choice.to_measure.unit
         with progress(f"{unit}s", unit) if unit else nullcontext() as on_progress:
             plan = without_folder(plan_of_files(files, choice, on_progress), files.folder)
         for doubt in plan.doubts:
@@ -70,12 +69,12 @@ def _named(options: ImportOptions) -> UserFiles:
     return UserFiles(Path(), (), {} if options.scans is None else scan_files(options.scans))
 
 
-def _choice(options: ImportOptions) -> ImportChoice:
+def _choice(options: ImportOptions) -> ImportSources:
     reading = reading_of(options, named=options.robot is not None)
-    choice = ImportChoice(
-        options.robot, reading, options.joints, options.points, parsed_mapping(options.map),
-        point_sigma_mm=options.sigma, place_sigma_mm=options.place_sigma, tool_mm=options.tool,
-        tool_mass_kg=options.tool_mass, edge_mm=options.edge, skip_bad_rows=options.skip_bad_rows,
+    choice = ImportSources(
+        robot=options.robot, reading=reading, joints=options.joints, points=options.points,
+        mapping=parsed_mapping(options.map), point_sigma_mm=options.sigma, place_sigma_mm=options.place_sigma,
+        tool_mm=options.tool, tool_mass_kg=options.tool_mass, edge_mm=options.edge, skip_bad_rows=options.skip_bad_rows,
         flange_poses=options.flange_poses,
     )  # fmt: skip
     for added in options.added:
@@ -118,7 +117,7 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 def _next_step(options: ImportOptions) -> str:
     """Command that a user would give next."""
-    fits = options.flange_poses is not None or _choice(options).measured is not None
+    fits = options.flange_poses is not None or _choice(options).to_measure is not None
     return f"inspector {'calibrate' if fits else 'diagnose'} {options.path}"
 
 

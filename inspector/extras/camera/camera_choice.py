@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calib.dataset_import.import_dataset import ImportChoice
+from calib.dataset_import.plan import ImportSources
 from calib.extras.camera.importing.camera_import import CameraImport
 from calib.extras.camera.importing.camera_views import CameraChoice
 from inspector.cli.additions import ImportAddition
@@ -15,7 +15,7 @@ from inspector.extras.camera.options import CameraOptions
 class CameraAddition(ImportAddition[CameraOptions, ImportOptions]):
     """Images, poses of a marker, and poses of the flange."""
 
-    def chosen(self, choice: ImportChoice) -> ImportChoice:
+    def chosen(self, choice: ImportSources) -> ImportSources:
         """What was chosen, with what the camera's options say."""
         asked = self.asked
         camera = CameraChoice(
@@ -24,4 +24,4 @@ class CameraAddition(ImportAddition[CameraOptions, ImportOptions]):
             None if asked.board_sigma is None else 0.01 * asked.board_sigma,
         )  # fmt: skip
         camera.require_consistent()
-        return replace(choice, measured=CameraImport(camera)) if camera.is_given else choice
+        return replace(choice, to_measure=CameraImport(camera)) if camera.is_given else choice
