@@ -12,14 +12,12 @@ import numpy as np
 from calib.dataset_import.columns import Column, Meaning, kind_of_marker, recognise
 from calib.dataset_import.markers import STANDS_STILL, spread_of
 from calib.errors import visible
-from calib.extras.logs.bags import is_bag
 from calib.extras.logs.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
 
 _NAMED = 8  # topics that a sentence names
 _FEWEST_ROWS = 10
-_RARE = 0.1  # of the points seen most often
 
 
 def _names(series: Sequence[PointSeries]) -> str:
@@ -73,22 +71,17 @@ def arm_joints(
     if kept.sum() < _FEWEST_ROWS:
         raise RecordingError(f"{file}: {chosen.source} has {kept.sum()} rows with all joints; record the whole run")
     unused = [name for k, name in enumerate(chosen.names) if k not in places]
-    if unused and is_bag(file):
+    if unused:
         notes.append(f"{file}: other joints are left out: {visible(', '.join(unused[:_NAMED]))}")
     if read.others:
         notes.append(f"{file}: not read: {visible(numbers.in_short(read.others, _NAMED))}")
-    told_units = [
-        replace(column, unit=column.unit or (chosen.unit and ("m", chosen.unit)[joint.is_revolute]))
-        for column, joint in zip(columns, robot.joints, strict=True)
-    ]
-    return JointSeries(
-        chosen.source, chosen.time_s[kept], tuple(column.name for column in columns), chosen.values[kept][:, places],
-        chosen.unit, {name: values[kept] for name, values in chosen.conditions.items()},
-    ), told_units  # fmt: skip
+    efforts = {name: values[kept] for name, values in chosen.efforts.items()}
+    names, values = tuple(column.name for column in columns), chosen.values[kept][:, places]
+    return JointSeries(chosen.source, chosen.time_s[kept], names, values, efforts), columns
 
 
 def measured_points(file: Path, read: Recording, wanted: str, notes: list[str], doubts: list[str]) -> list[PointSeries]:
-    """Series of the measured point, several only where they are the robot's own targets. Raises RecordingError."""
+    """Series that may be the measured point, the one seen most often first. Raises RecordingError where none may."""
     own = [each for each in read.points if each.is_controllers_own]
     if wanted:
         chosen = [each for each in read.points if wanted in (each.name, each.source, each.label)]
@@ -114,45 +107,24 @@ def measured_points(file: Path, read: Recording, wanted: str, notes: list[str], 
             f"{_holds(read) or 'nothing else'}; give them by --points FILE"
         )
 
-    def parted(chosen: list[PointSeries], least: Sequence[bool], why: str) -> list[PointSeries]:
-        left_out = [each for each, is_kept in zip(chosen, least, strict=True) if not is_kept]
-        if left_out:
-            notes.append(f"{file}: points that {why} are left out: {_names(left_out)}")
-        return [each for each, is_kept in zip(chosen, least, strict=True) if is_kept]
-
     spreads = [spread_of(each.xyz) for each in chosen]
-    chosen = parted(chosen, [spread >= STANDS_STILL * max(spreads) for spread in spreads], "stand still")
+    still = [each for each, spread in zip(chosen, spreads, strict=True) if spread < STANDS_STILL * max(spreads)]
+    chosen = [each for each in chosen if each not in still]
     sources = list(dict.fromkeys(each.source for each in chosen))
     bodies = (s for s in sources if all(re.match(rf"{re.escape(s.removesuffix(' Position'))}\b", t) for t in sources))
-    body = next(bodies, None)
-    if len(sources) > 1 and body is not None:  # a rigid body of motion capture before its own markers
-        chosen = parted(chosen, [each.source == body for each in chosen], f"are markers of {visible(body)}")
-    elif len({kind_of_marker(source) for source in sources}) > 1:
+    body = next(bodies, None)  # a rigid body of motion capture before its own markers
+    if body is None and len({kind_of_marker(source) for source in sources}) > 1:
         raise RecordingError(
             f"{file}: several sources of points, {visible(', '.join(sources[:_NAMED]))}; say which by --points "
             f"'{file}#{sources[0]}'"
         )
-    chosen.sort(key=len, reverse=True)
-    chosen = parted(chosen, [len(each) >= _RARE * len(chosen[0]) for each in chosen], "were seldom seen")
-    if len(chosen) > 1:
-        notes.append(
-            f"{file}: {len(chosen)} points are measured, {_names(chosen)}; one alone by --points "
-            f"'{file}#{chosen[0].name}'"
-        )
-        labels, source = _labels(chosen), "" if len(sources) > 1 else chosen[0].source
-        chosen = [replace(each, source=source, label=label) for each, label in zip(chosen, labels, strict=True)]
-    return [_kept(file, each, notes) for each in chosen]
-
-
-def _labels(series: Sequence[PointSeries]) -> list[str]:
-    """Short name of each of several points, as a target of the robot."""
-    if len({each.source for each in series}) == 1:
-        names = [each.label for each in series]
-    else:  # what their topics do not share
-        parts = [re.split(r"[/:]", each.name.strip("/")) for each in series]
-        shared = set.intersection(*map(set, parts))
-        names = ["/".join(part for part in of_one if part not in shared) for of_one in parts]
-    return [f"marker{name}" if name.isdigit() else name for name in names]
+    of_body = [each for each in chosen if body in (None, each.source)]
+    for why, left_out in (
+        ("stand still", still), (f"are markers of {visible(body or '')}", [e for e in chosen if e not in of_body])
+    ):  # fmt: skip
+        if left_out:
+            notes.append(f"{file}: points that {why} are left out: {_names(left_out)}")
+    return [_kept(file, each, notes) for each in sorted(of_body, key=len, reverse=True)]
 
 
 def _kept(file: Path, seen: PointSeries, notes: list[str]) -> PointSeries:

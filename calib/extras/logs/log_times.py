@@ -22,8 +22,7 @@ _TIMES = ("time", "timestamp", "t", "stamp", "times", "zeit", "zeitstempel", "ro
           "tempo", "duration", "ipoc", "时间", "时间戳")  # fmt: skip
 _UNIT = re.compile(r"(?P<name>.+?)(?:[\s_.]*[\[(]\s*|[\s_.]+)(?P<unit>ns|us|µs|ms|s|sec|seconds|nanosec|min)\s*[\])]?")
 _SCALES = {"ns": 1e-9, "nanosec": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "min": 60.0}
-_EPOCHS = ((1e11, 1e13, 1e-3), (1e14, 1e16, 1e-6), (1e17, 1e19, 1e-9))  # since 1970, by its size; less is in seconds
-_SECONDS = re.compile(r"(?P<before>|.*[^A-Za-z0-9])secs?")
+_EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))  # clocks that count from 1970, by the least that they show
 _NANO = ("nanosec", "nsec", "nsecs")
 _EPOCH = 1e8  # seconds, from which a clock counts from 1970
 _COUNTED = 2000  # whole units of a clock that steps evenly, from which they are milliseconds
@@ -62,32 +61,29 @@ def has_fast_rows(log: Log, mapping: Mapping[str, Meaning]) -> bool:
     return bool((steps > 0.0).any() and np.median(steps[steps > 0.0]) <= _SLOWEST_S)
 
 
-def seconds_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str, ...], tuple[str, ...]] | None:
-    """Times (N,), s, that go on where the log's begin anew, as each episode's do; their columns, and notes."""
+def seconds_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str, ...]] | None:
+    """Times (N,), s, that go on where the log's begin anew, as each episode's do, and notes."""
     time = time_of(log, mapping)
     if time is None:
         return None
-    time_s, names = time
+    time_s, _ = time
     steps = np.diff(time_s, prepend=time_s[:1])
     resets = steps < -1.0
     told = f"{log.path}: its time begins anew {resets.sum()} times; the parts are read one behind the other"
-    return time_s + np.cumsum(np.where(resets, 1.0 - steps, 0.0)), names, (told,) if resets.any() else ()
+    return time_s + np.cumsum(np.where(resets, 1.0 - steps, 0.0)), (told,) if resets.any() else ()
 
 
 def time_of(log: Log, mapping: Mapping[str, Meaning]) -> tuple[Array, tuple[str, ...]] | None:
     """Times (N,), s, with the columns that hold them; None where there are none. Raises RecordingError."""
-    for name in log.columns:
-        if name in mapping and mapping[name].name == "time_s":
-            return _in_seconds(log, name, mapping[name].unit or _split(name)[1]), (name,)
-    for name in log.columns:
-        stem = _SECONDS.fullmatch(name)
-        beside = [f"{stem['before']}{end}" for end in _NANO if f"{stem['before']}{end}" in log.columns] if stem else []
+    mapped = [name for name in log.columns if name in mapping and mapping[name].name == "time_s"]
+    for name in () if mapped else log.columns:
+        before = name.removesuffix("s").removesuffix("sec")
+        beside = [f"{before}{end}" for end in _NANO if before != name and f"{before}{end}" in log.columns]
         if beside:
             return log.numbers(name) + 1e-9 * log.numbers(beside[0]), (name, beside[0])
-    name = min(log.columns, key=lambda each: _rank(log, each))
-    if np.isfinite(_rank(log, name)):
-        base, unit = _split(name)
-        return _in_seconds(log, name, "ms" if plain(base) == "ipoc" else unit), (name,)
+    name = (mapped or sorted(log.columns, key=lambda each: _rank(log, each)))[0]
+    if mapped or np.isfinite(_rank(log, name)):
+        return _in_seconds(log, name), (name,)
     if not log.rate_hz:
         return None
     frame = next((name for name in log.columns if plain(name) == "frame"), None)
@@ -112,31 +108,26 @@ def _rank(log: Log, name: str) -> float:
 def _split(name: str) -> tuple[str, str]:
     """A column's name without its unit of time, and the unit, "" for none."""
     match = _UNIT.fullmatch(name.strip().lower())
-    return (match["name"], match["unit"]) if match else (name, "")
+    return (match["name"], match["unit"]) if match else (name, "ms" if plain(name) == "ipoc" else "")
 
 
-def _in_seconds(log: Log, name: str, unit: str) -> Array:
-    """Times (N,), s, of a column of numbers or dates, its unit by their size where none is given."""
-    values = log.numbers(name)
-    if not np.isfinite(values).any():
+def _in_seconds(log: Log, name: str) -> Array:
+    """Times (N,), s, of a column of numbers or dates, its unit by their size where none is given.
+
+    A clock without a unit that goes on evenly in whole numbers for long counts milliseconds.
+    """
+    values, unit = log.numbers(name), _split(name)[1]
+    known = values[np.isfinite(values)]
+    if not len(known):
         cells = log.frame[name].astype(str)
         day_first = bool(re.match(r"\s*\d{1,2}\.\d{1,2}\.\d{4}", cells.iloc[0]))  # 05.03.2024
         dates = pd.to_datetime(cells, errors="coerce", utc=True, format="mixed", dayfirst=day_first)
         if dates.isna().all():
             raise RecordingError(f"{log.path}: column {name}: found {cells.iloc[0][:40]!r}; a time is needed")
         return Log(log.path, dates.to_frame(name)).numbers(name)
-    largest = float(np.nanmax(np.abs(values)))
-    if not unit:
-        by_size = (scale for low, high, scale in _EPOCHS if low < largest < high)
-        return values * (1e-3 if _counts_milliseconds(values) else next(by_size, 1.0))
-    return values * _SCALES.get(unit, 1.0)
-
-
-def _counts_milliseconds(values: Array) -> bool:
-    """Whether a clock without a unit counts milliseconds: it goes on evenly in whole numbers for long."""
-    known = values[np.isfinite(values)]
+    if unit:
+        return values * _SCALES.get(unit, 1.0)
     steps = np.diff(known)
-    if known.max() >= _EPOCH or not len(steps) or steps.sum() < _COUNTED:
-        return False
-    usual = np.median(steps)
-    return bool((known == np.round(known)).all() and np.mean(steps == usual) > 0.9 and usual >= 1.0)
+    is_even = known.max() < _EPOCH and steps.sum() >= _COUNTED and np.mean(steps == np.median(steps)) > 0.9
+    is_counted = is_even and (known == np.round(known)).all()
+    return values * (1e-3 if is_counted else next((scale for least, scale in _EPOCHS if known.max() > least), 1.0))

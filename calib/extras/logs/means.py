@@ -23,7 +23,6 @@ class Means:
 
     mean: Array  # (K, d)
     counts: Array  # (K,) samples
-    left_out: int  # outlying samples of all phases
     scatter: float  # standard deviation of one sample in one coordinate
     tau: float  # samples that tell as much as one
     sigma: Array  # (K,) of the mean in one coordinate
@@ -41,8 +40,7 @@ def means_of(samples: Sequence[Array]) -> Means:
     tau = max((rms(between) / scatter) ** 2, 1.0) if scatter > 0.0 else 1.0
     with np.errstate(divide="ignore"):
         sigma = scatter * np.sqrt(np.minimum(tau / counts, 1.0))
-    left_out = sum(map(len, samples)) - int(counts.sum())
-    return Means(mean, counts, left_out, scatter, tau, np.where(counts > 0, sigma, np.nan))
+    return Means(mean, counts, scatter, tau, np.where(counts > 0, sigma, np.nan))
 
 
 def _is_near(samples: Array) -> Array:

@@ -12,7 +12,6 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.consistency.agreement import misfit_mm, sample_of
-from calib.consistency.own_pose import agreement_note, table_disagreement_mm
 from calib.dataset_import.columns import AS_MAPPED, Column, Meaning
 from calib.dataset_import.markers import spread_of
 from calib.dataset_import.plan import ImportSources
@@ -20,7 +19,7 @@ from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, leng
 from calib.errors import DatasetError, visible
 from calib.extras.logs.bags import is_bag, read_bag
 from calib.extras.logs.chosen_series import arm_joints, measured_points, shown
-from calib.extras.logs.clocks import ClockOffset, offset_of_single_points, possible_offsets, refined, settled_offset
+from calib.extras.logs.clocks import offset_of_single_points, possible_offsets, settled_offset
 from calib.extras.logs.import_source import is_recorded
 from calib.extras.logs.means import Means, means_of
 from calib.extras.logs.series import JointSeries, PointSeries, Recording, RecordingError, recording_file
@@ -35,6 +34,7 @@ from calib.text_files.records import table_file
 from calib.text_files.user_table import UserTable
 
 _ONE_CLOCK_S = 10.0  # at most, by which clocks differ within one file
+_SAME_S = 5e-3  # by which clocks of one file may seem to differ
 _MARGIN_S = 0.1  # at both ends of a phase, in which points are not used
 _DENSE = 5.0  # points a phase, from which their motion is recorded, too
 _PATH_STEP_S = 0.01  # between the joints at which the tool's path is computed
@@ -79,10 +79,9 @@ def with_recorded_poses(sources: ImportSources) -> ImportSources:
         is_same = other.resolve() == file.resolve()
         of_points = read if is_same else _read(other, robot, mapping)
         notes += [] if is_same else of_points.notes
-        seen, clock = arm.its_points(other, measured_points(other, of_points, wanted, notes, doubts), is_same)
+        seen, offset_s = arm.its_point(other, measured_points(other, of_points, wanted, notes, doubts), is_same)
         path = sources.points or file.with_name(f"{file.name} (points)")
-        kept, tables[path] = arm.kept_points(path, other, seen, clock, sources.point_sigma_mm)
-        arm.compare_with_controller(read.points)
+        kept, tables[path] = arm.kept_points(path, shown(other, seen), seen, offset_s, sources.point_sigma_mm)
         sources = replace(sources, points=path)
     else:
         kept = np.ones(len(arm.rest.phases), dtype=bool)
@@ -94,11 +93,7 @@ def with_recorded_poses(sources: ImportSources) -> ImportSources:
 
 
 def _read(file: Path, robot: Robot, mapping: Mapping[str, Meaning]) -> Recording:
-    if is_bag(file):
-        return read_bag(file)
-    if not table_file(file)[0].exists():
-        raise RecordingError(f"{file}: no such file; name a recording")
-    return read_table_log(file, robot, mapping)
+    return read_bag(file) if is_bag(file) else read_table_log(file, robot, mapping)
 
 
 def _has_time(path: Path) -> bool:
@@ -158,8 +153,7 @@ class _StoppedArm:
         return (
             f"{self.file}: {len(series)} joint states of {series.source} in {np.ptp(series.time_s):.1f} s "
             f"({1.0 / np.median(np.diff(series.time_s)):.0f} Hz); the arm stands {len(spans)} times, for "
-            f"{spans.min():.1f} to {spans.max():.1f} s, where no joint moves by more than "
-            f"{100.0 * rest.threshold:.2g} % of its range within {rest.window_s:.2g} s{brief}"
+            f"{spans.min():.1f} to {spans.max():.1f} s{brief}"
         )
 
     @cached_property
@@ -190,52 +184,56 @@ class _StoppedArm:
 
     def _mean(self, values: Array) -> Array:
         """Means (K, ...) over the phases, outlying rows left out, within which points are used."""
-        rows = np.searchsorted(self.series.time_s, self._inner_s(0.0), "right")
+        rows = np.searchsorted(self.series.time_s, self._inner_s, "right")
         phases = zip(self.rest.phases, rows, strict=True)
         return means_of([values[first:last] if last > first else values[phase] for phase, (first, last) in phases]).mean
 
-    def _inner_s(self, sigma_s: float) -> Array:
-        """Times (K, 2) of the phases without the margins that points of a clock with this sigma need."""
-        margin = np.minimum(_MARGIN_S + 3.0 * sigma_s, 0.25 * np.diff(self.spans_s)[:, 0])
+    @cached_property
+    def _inner_s(self) -> Array:
+        """Times (K, 2) of the phases without the margins in which points are not used."""
+        margin = np.minimum(_MARGIN_S, 0.25 * np.diff(self.spans_s)[:, 0])
         return self.spans_s + np.outer(margin, [1.0, -1.0])
 
     # ---- points ------------------------------------------------------------------------------------------------------
 
-    def its_points(self, file: Path, seen: list[PointSeries], is_same: bool) -> tuple[list[PointSeries], ClockOffset]:
-        """Points from the first on that moves as the arm does, and its clock's offset. Raises RecordingError for none.
+    def its_point(self, file: Path, seen: Sequence[PointSeries], is_same: bool) -> tuple[PointSeries, float]:
+        """First of several points that moves as the arm does, and its clock's offset, s.
 
-        is_same: whether the points are of the joints' own recording.
+        is_same: whether the points are of the joints' own recording. Raises RecordingError where none moves so.
         """
         errors: list[RecordingError] = []
-        for k, each in enumerate(seen):
+        for each in seen:
             try:
-                clock = self._clock(each, shown(file, each), is_same)
+                offset_s = self._offset_s(each, shown(file, each), is_same)
             except RecordingError as error:
                 errors.append(error)
                 continue
-            if k:
-                left_out = numbers.in_short([visible(point.name) for point in seen[:k]], _NAMED)
-                self.notes.append(f"{file}: points that do not move as this arm does are left out: {left_out}")
-            return seen[k:], clock
+            others = [visible(other.name) for other in seen if other is not each]
+            if others:
+                self.notes.append(
+                    f"{file}: {visible(each.name)} is the measured point, of those that move as the arm does the one "
+                    f"seen most often; left out: {numbers.in_short(others, _NAMED)}; one of these by --points "
+                    f"'{file}#{others[0]}'"
+                )
+            return each, offset_s
         raise errors[0]
 
-    def _clock(self, seen: PointSeries, name: str, is_same: bool) -> ClockOffset:
-        """Offset of the points' clock to that of the joints. Raises RecordingError where it is ambiguous."""
-        joint_s, (starts, ends), names = self.series.time_s, self.spans_s.T, (self.series.source, name)
-        if len(seen) < _DENSE * len(starts) or np.median(np.diff(seen.time_s)) > 1.0:
-            clock = offset_of_single_points(names, starts, ends, seen.time_s)
-            sigma = f"{clock.offset_s:.3f} s, sigma {1e3 * clock.sigma_s:.2g} ms"
+    def _offset_s(self, seen: PointSeries, name: str, is_same: bool) -> float:
+        """Time of the points' clock less that of the joints'. Raises RecordingError where it is ambiguous."""
+        joint_s, (starts_s, ends_s), names = self.series.time_s, self.spans_s.T, (self.series.source, name)
+        if len(seen) < _DENSE * len(starts_s) or np.median(np.diff(seen.time_s)) > 1.0:
+            offset_s = offset_of_single_points(names, starts_s, ends_s, seen.time_s)
             self.notes.append(
                 f"{name}: single points; offset of their clock to the joints': "
-                f"{sigma if clock.offset_s else 'as recorded'}, by which they fall into phases"
+                f"{f'{offset_s:.3f} s' if offset_s else 'as recorded'}, by which they fall into stops"
             )
-            return clock
+            return offset_s
         step = max(1, round(_PATH_STEP_S / float(np.median(np.diff(joint_s)))))
         path = (joint_s[::step], target_points(self.robot, self.q[::step]), seen.time_s, seen.xyz)
         possible = possible_offsets(*path, _ONE_CLOCK_S) if is_same else []
         possible = possible or possible_offsets(*path)  # of two machines' clocks
         if not possible and is_same:
-            if self.point_means(seen, ClockOffset()).scatter * np.sqrt(3.0) > _MOVES * spread_of(seen.xyz):
+            if self.point_means(seen, 0.0).scatter * np.sqrt(3.0) > _MOVES * spread_of(seen.xyz):
                 raise RecordingError(
                     f"{name}: its points move while the arm stands, and at no offset of the clocks do both move at the "
                     "same times; give points of the same run"
@@ -243,34 +241,28 @@ class _StoppedArm:
             self.doubts.append(
                 f"{name}: its motion does not show the offset of its clock; its times are taken as the joints'"
             )
-            return ClockOffset()
+            return 0.0
 
         def misfit(offset_s: float) -> float:
-            found = self.point_means(seen, ClockOffset(offset_s)).mean
+            found = self.point_means(seen, offset_s).mean
             sample = sample_of(self.mean_q, found * self._unit_mm(seen, found))
             return misfit_mm(self.robot, sample) if sample.is_enough else np.inf
 
-        travels = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
-        rough = settled_offset(names, possible, misfit)
-        clock = refined(*path, rough, travels[np.diff(travels)[:, 0] < 60.0])
-        size, sigma = f"{abs(clock.offset_s):.3f} s", f"sigma {1e3 * clock.sigma_s:.2g} ms"
-        if is_same and abs(clock.offset_s) <= max(3.0 * clock.sigma_s, 2e-3):
-            self.notes.append(f"{name}: clocks of joints and points agree to {size}, {sigma}")
-            return replace(clock, offset_s=0.0)
-        ahead = "behind" if clock.offset_s < 0.0 else "ahead of"
+        offset_s, correlation = settled_offset(names, possible, misfit)
+        size = f"{abs(offset_s):.3f} s"
+        if is_same and abs(offset_s) < _SAME_S:
+            self.notes.append(f"{name}: clocks of joints and points agree to {size}")
+            return 0.0
+        ahead = "behind" if offset_s < 0.0 else "ahead of"
         self.notes.append(
-            f"{name}: its clock is {size} {ahead} the joints', {sigma}, by {clock.travels} travels (correlation of the "
-            f"speeds {clock.correlation:.2f}); taken into account"
+            f"{name}: its clock is {size} {ahead} the joints' (correlation of the speeds {correlation:.2f}); taken "
+            "into account"
         )
-        if clock.drift:
-            self.doubts.append(
-                f"{name}: its clock drifts against the joints' by {clock.drift * 1e6:.0f} ppm; the mean offset is taken"
-            )
-        return clock
+        return offset_s
 
-    def point_means(self, seen: PointSeries, clock: ClockOffset) -> Means:
+    def point_means(self, seen: PointSeries, offset_s: float) -> Means:
         """Means of the points in each phase, without its ends and without what still settles."""
-        rows = np.searchsorted(seen.time_s - clock.offset_s, self._inner_s(clock.sigma_s))
+        rows = np.searchsorted(seen.time_s - offset_s, self._inner_s)
         samples = [seen.xyz[first:last] for first, last in rows]
         spreads = [mad_sigmas(each) for each in samples if len(each) >= 8]
         if spreads:
@@ -284,57 +276,37 @@ class _StoppedArm:
         return LENGTHS_MM[seen.unit or length_unit(self.robot, self.mean_q, points)[0]]
 
     def kept_points(
-        self, path: Path, file: Path, seen: Sequence[PointSeries], clock: ClockOffset, sigma_mm: float | None
+        self, path: Path, name: str, seen: PointSeries, offset_s: float, sigma_mm: float | None
     ) -> tuple[BoolArray, UserTable]:
-        """Phases (K,) to keep, and the table of their points, a row a target. Raises RecordingError without points.
+        """Phases (K,) to keep, and the table of their points. Raises RecordingError without points.
 
         sigma_mm: what changes from stop to stop, each axis; None where it is not known.
         """
-        means = [self.point_means(each, clock) for each in seen]
-        name, first = shown(file, seen[0]), means[0]
-        has_point = first.counts > 0
+        means = self.point_means(seen, offset_s)
+        has_point = means.counts > 0
         if not has_point.any():
-            raise RecordingError(f"{file}: no point was recorded while the arm stood; give points of the same run")
+            raise RecordingError(f"{name}: no point was recorded while the arm stood; give points of the same run")
         missing = self.spans_s[~has_point, 0] - self.series.time_s[0]
         if len(missing):
             when = numbers.in_short([f"{each:.1f} s" for each in missing], _NAMED)
             self.notes.append(
                 f"{name}: {len(missing)} of {len(has_point)} stops have no point and are left out (at {when})"
             )
-        kept, unit_mm = self._with_known_sides(has_point), self._unit_mm(seen[0], first.mean)
-        self.notes.append(_means_note(name, first, kept, unit_mm))
-        sample = sample_of(self.mean_q[kept], first.mean[kept] * unit_mm)
+        kept, unit_mm = self._with_known_sides(has_point), self._unit_mm(seen, means.mean)
+        self.notes.append(_means_note(name, means, kept, unit_mm))
+        sample = sample_of(self.mean_q[kept], means.mean[kept] * unit_mm)
         if sample.is_enough and misfit_mm(self.robot, sample) < _COMPUTED_MM:
             self.doubts.append(
                 f"{name}: agrees with the nominal arm to {_COMPUTED_MM:g} mm: computed from the joints, not measured?"
             )
-        rows = [
-            (int(k), point.label, of_point.mean[k], unit_mm * of_point.sigma[k])
-            for point, of_point in zip(seen, means, strict=True)
-            for k in np.flatnonzero(kept & (of_point.counts > 0))
-        ]
-        variance = np.square([row[3] for row in rows])
+        variance = np.square(unit_mm * means.sigma[kept])
         variance += np.median(variance) if sigma_mm is None else sigma_mm**2  # from stop to stop as much, unless told
-        is_uneven = bool(variance.max() > _UNEVEN * variance.min() > 0.0)
-        if is_uneven:
+        unit = f" [{seen.unit}]" if seen.unit else ""
+        table = {f"{axis}{unit}": values for axis, values in zip("xyz", means.mean[kept].T, strict=True)}
+        if variance.max() > _UNEVEN * variance.min() > 0.0:
             self.notes.append(f"{name}: stops with fewer points weigh less (column counts_as)")
-        unit = f" [{seen[0].unit}]" if seen[0].unit else ""
-        table = {"pose": [f"p{k + 1}" for k, *_ in rows]}
-        table |= {"target": [label for _, label, *_ in rows]} if len(seen) > 1 else {}
-        table |= {f"{axis}{unit}": [repr(float(row[2][i])) for row in rows] for i, axis in enumerate("xyz")}
-        table |= {"counts_as": [f"{each:.4g}" for each in np.median(variance) / variance]} if is_uneven else {}
-        return kept, _table(path, table, [row[0] for row in rows])
-
-    def compare_with_controller(self, points: Sequence[PointSeries]) -> None:
-        """Tell how far poses that the controller computed are from the robot's table."""
-        for own in (each for each in points if each.is_controllers_own and spread_of(each.xyz) > 0.0):
-            mean = self.point_means(own, ClockOffset()).mean
-            known = np.isfinite(mean).all(axis=1)
-            if known.any():
-                off_mm = table_disagreement_mm(self.robot, self.mean_q[known], mean[known] * self._unit_mm(own, mean))
-                if off_mm is not None:
-                    agrees, sentence = agreement_note(f"{self.file}: {visible(own.name)}", off_mm)
-                    (self.notes if agrees else self.doubts).append(sentence)
+            table["counts_as"] = np.round(np.median(variance) / variance, 4)
+        return kept, _table(path, table, kept)
 
     # ---- its table ---------------------------------------------------------------------------------------------------
 
@@ -351,8 +323,8 @@ class _StoppedArm:
         return np.asarray(kept & ~unknown)
 
     def table(self, path: Path, kept: BoolArray) -> UserTable:
-        """Table of the joints with time, approach, torques and temperatures, a row a phase that is kept (K,)."""
-        source, rows = self.series.source, np.flatnonzero(kept)
+        """Table of the joints with time, approach and torques, a row a phase that is kept (K,)."""
+        source = self.series.source
         table: dict[str, Array] = dict(zip(map(_name, self.columns), self._mean(self.series.values).T, strict=True))
         table["time_s"] = np.round(self.spans_s.mean(axis=1) - self.series.time_s[0], 3)
         if (self.sides[kept] != 0.0).all():
@@ -361,27 +333,24 @@ class _StoppedArm:
             self.notes.append(
                 f"{source}: from which side the joints came is not known of all poses; columns approach are left out"
             )
-        conditions = self.series.conditions
         for k, column in enumerate(self.columns, start=1):
-            kinds = (("effort", f"torque{k}_nm", column.sign), ("temperature", f"temperature_joint{k}_c", 1.0))
-            for key, name, sign in kinds:
-                values = conditions.get(f"{key} {column.name}")
-                if values is not None and np.isfinite(values).all():
-                    table[name] = sign * self._mean(values[:, None])[:, 0]
+            values = self.series.efforts.get(column.name)
+            if values is not None and np.isfinite(values).all():
+                table[f"torque{k}_nm"] = column.sign * self._mean(values[:, None])[:, 0]
         if "torque1_nm" in table:
             self.notes.append(
                 f"{source}: efforts are taken for torques in Nm, as sensor_msgs/JointState has them; where the driver "
                 "writes currents, leave them out by --map 'torque*_nm=ignore'"
             )
-        cells = {name: [repr(values[k].item()) for k in rows] for name, values in table.items()}
-        return _table(path, {"pose": [f"p{k + 1}" for k in rows]} | cells, rows.tolist())
+        return _table(path, {name: values[kept] for name, values in table.items()}, kept)
 
 
-def _table(path: Path, columns: Mapping[str, Sequence[str]], phases: Sequence[int]) -> UserTable:
-    """Table of cells by column, each row under the number of its phase."""
-    return UserTable(
-        path, tuple(columns), tuple(zip(*columns.values(), strict=True)), tuple(k + 1 for k in phases), True
-    )
+def _table(path: Path, columns: Mapping[str, Array], kept: BoolArray) -> UserTable:
+    """Table of numbers by column, a row a phase that is kept (K,), with the phase's number as its name and line."""
+    lines = tuple(int(k) + 1 for k in np.flatnonzero(kept))
+    rows = zip(*(map(repr, values.tolist()) for values in columns.values()), strict=True)
+    named = tuple((f"p{line}", *row) for line, row in zip(lines, rows, strict=True))
+    return UserTable(path, ("pose", *columns), named, lines, has_header=True)
 
 
 def _means_note(name: str, means: Means, kept: BoolArray, unit_mm: float) -> str:
@@ -394,9 +363,8 @@ def _means_note(name: str, means: Means, kept: BoolArray, unit_mm: float) -> str
     of_each = f"{name}: {counts.min():.0f} to {counts.max():.0f} points a stop are averaged"
     if not means.scatter:
         return of_each
-    wild = f"; {means.left_out} outlying points are left out" if means.left_out else ""
     return (
         f"{of_each}: one scatters by {unit_mm * means.scatter:.3g} mm, {means.tau:.1f} in a row tell as much as one, "
         f"so that a mean has sigma {unit_mm * rms(means.sigma[kept]):.2g} mm each axis; what changes from stop to stop "
-        f"is not in it, so the noise stays undeclared (--sigma){wild}"
+        f"is not in it, so the noise stays undeclared (--sigma)"
     )

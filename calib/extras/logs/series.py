@@ -11,28 +11,26 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.errors import DatasetError
+from calib.text_files.records import table_file
 
 BAGS = (".bag", ".mcap", ".db3")
 PARQUET = ".parquet"
-JSON_LINES = (".jsonl", ".ndjson")
 _OWN = re.compile(
     r"end_effector|target_pose|(?<![^/. _])(tcp|ee|eef|endeffector|cartesian|flange|goal|desired|command|cmd|setpoint"
     r"|reference|tool0|fk|odom)(?![^/. _])"
 )
 _HELD = 5.0  # times as many rows with one value as are usual
-_FILES = (*BAGS, PARQUET, *JSON_LINES, ".csv", ".tsv", ".txt", ".dat", ".json")
 
 
 @dataclass(frozen=True)
 class JointSeries:
-    """Joint values by time, with efforts and temperatures where they were recorded; columns have the log's names."""
+    """Joint values by time, with efforts where they were recorded; columns have the log's names."""
 
     source: str  # topic or file
     time_s: Array  # (N,) ascending
     names: tuple[str, ...]
-    values: Array  # (N, k) in the log's units; NaN where a joint was not recorded
-    unit: str = ""  # of joints that turn: "rad", "deg"; "" where names or points have to tell
-    conditions: Mapping[str, Array] = field(default_factory=dict)  # (N,) by column, such as "effort elbow_joint"
+    values: Array  # (N, k) in the log's units, which names or points have to tell; NaN where one was not recorded
+    efforts: Mapping[str, Array] = field(default_factory=dict)  # (N,) by joint
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -68,18 +66,16 @@ class Recording:
 
     joints: tuple[JointSeries, ...] = ()
     points: tuple[PointSeries, ...] = ()
-    others: tuple[str, ...] = ()  # topics or columns that hold neither, with their types
+    others: tuple[str, ...] = ()  # topics that hold neither, with their types
     notes: tuple[str, ...] = ()
     unit_is_unknown: bool = False  # of the joints, whatever their size: LeRobot's states may be normalised
 
 
 def recording_file(path: Path) -> tuple[Path, str]:
     """File or folder of a recording and the topic named behind it, such as `run.bag#/tracker/point`; "" for none."""
-    text = str(path)
-    if path.exists() or "#" not in text:
-        return path, ""
-    file, _, topic = text.partition("#")
-    return (Path(file), topic) if Path(file).suffix.lower() in _FILES or Path(file).is_dir() else (path, "")
+    file, _, topic = str(path).partition("#")
+    is_named = topic and Path(file).exists() and not path.exists() and not table_file(path)[1]
+    return (Path(file), topic) if is_named else (path, "")
 
 
 def in_order(time_s: Array, *values: Array) -> tuple[Array, ...]:

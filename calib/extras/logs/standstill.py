@@ -39,11 +39,9 @@ _GAP = 20.0  # time steps without a sample that end a phase
 
 @dataclass(frozen=True)
 class Standstill:
-    """Standing phases of a recording, as slices of its rows, with the largest motion that counts as standing."""
+    """Standing phases of a recording, as slices of its rows."""
 
     phases: tuple[slice, ...]
-    threshold: float  # range of a joint in the window, as a share of its whole range
-    window_s: float
     brief: int  # spans that were too short
 
 
@@ -92,7 +90,7 @@ def standstill_of(source: str, time_s: Array, values: Array) -> Standstill:
     phases = tuple(phase for phase in found if phase is not None)
     if not phases:
         raise found_none
-    return Standstill(phases, threshold, width * step_s, len(parts) - len(long))
+    return Standstill(phases, len(parts) - len(long))
 
 
 def _ranges(values: Array, width: int) -> Array:

@@ -91,17 +91,6 @@ LOGS: dict[str, Form] = {
         ["timestamp,cmdnum," + names("J{}", "J{}_2", first=1)],
         [T, T * 0, *np.degrees(MOVING).T, *np.degrees(MOVING[::-1]).T],
     ),
-    "ros2 topic echo --csv": log(
-        [],
-        [
-            [f"{1_700_000_000 + int(t)}" for t in T],
-            [f"{1e9 * (t % 1.0):.0f}" for t in T],
-            [""] * len(T),
-            *([name] * len(T) for name in NAMES),
-            *MOVING.T,
-            *OTHER.T,
-        ],
-    ),
     "Motive": capture(
         [
             "Format Version,1.23,Take Name,a,Capture Frame Rate,50.0,Export Frame Rate,50.0,Length Units,Meters",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.extras.logs.bag_process import positions, series_of
+from calib.extras.logs.bags import positions, series_of
 
 
 class _Message:
@@ -30,5 +30,5 @@ def test_a_marker_that_two_cameras_see_is_two_points() -> None:
         header = _Message(frame_id=frame, stamp=stamp)
         return _Message(transforms=[_Message(header=header, child_frame_id="tag", transform=place)])
 
-    found = series_of([("/tf", 5.0, seen("left", 1.0)), ("/tf", 5.1, seen("right", 2.0))])
-    assert [each["label"] for each in found["points"]] == ["left/tag", "right/tag"]
+    _, points = series_of([("/tf", 5.0, seen("left", 1.0)), ("/tf", 5.1, seen("right", 2.0))])
+    assert [each.label for each in points] == ["left/tag", "right/tag"]

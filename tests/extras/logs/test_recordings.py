@@ -335,23 +335,6 @@ def json_records(run: Run, folder: Path) -> list[str]:
     return ["--joints", str(path)]
 
 
-def json_lines(run: Run, folder: Path) -> list[str]:
-    """As `ros2 topic echo` piped through a converter writes messages, a file a topic."""
-
-    def stamp(t: float) -> dict[str, Any]:
-        ns = round(t * 1e9)
-        return {"stamp": {"sec": ns // 10**9, "nanosec": ns % 10**9}, "frame_id": "x"}
-
-    with (folder / "joints.jsonl").open("w") as stream:
-        for t, q in zip(run.joint_s, run.q, strict=True):
-            record = {"header": stamp(t), "name": [NAMES[i] for i in SHUFFLED], "position": [q[i] for i in SHUFFLED]}
-            stream.write(json.dumps(record) + "\n")
-    with (folder / "points.jsonl").open("w") as stream:
-        for t, p in zip(run.point_s, run.xyz_mm / 1000.0, strict=True):
-            stream.write(json.dumps({"header": stamp(t), "point": dict(zip("xyz", p.tolist(), strict=True))}) + "\n")
-    return ["--joints", str(folder / "joints.jsonl"), "--points", str(folder / "points.jsonl")]
-
-
 def lerobot(run: Run, folder: Path) -> list[str]:
     """A folder of LeRobot with three episodes, degrees, whose points stand in a vector of their own."""
     rows = np.array(together(run, [run.joint_s, *np.degrees(run.q).T], list(run.xyz_mm.T)))
@@ -468,7 +451,6 @@ FORMS: dict[str, Callable[[Run, Path], list[str]]] = {
     "rostopic echo -p": rostopic_echo,
     "ros2_control in columns": ros2_control,
     "JSON records": json_records,
-    "JSON lines": json_lines,
     "LeRobot": lerobot,
     "parquet": flat_parquet,
     "sheets": sheets,
@@ -478,12 +460,8 @@ FORMS: dict[str, Callable[[Run, Path], list[str]]] = {
 }  # fmt: skip
 
 
-QUICK = ("ROS 1 bag, PointStamped", "rosbag2 sqlite3, tf", "mcap by mcap-ros2-support", "PlotJuggler", "JSON lines",
-         "RTDE and a tracker, clocks of their own", "LeRobot", "single points", "dates")  # fmt: skip
-
-
 @pytest.mark.thorough
-@pytest.mark.parametrize("form", [pytest.param(f, marks=[] if f in QUICK else pytest.mark.thorough) for f in FORMS])
+@pytest.mark.parametrize("form", FORMS)
 def test_the_stops_of_a_recording_are_its_poses(
     form: str, run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -659,10 +637,9 @@ def no_motion(run: Run, folder: Path) -> list[str]:
 
 def other_joints(run: Run, folder: Path) -> list[str]:
     names = {name: f"left_arm_{'abcdef'[k]}" for k, name in enumerate(NAMES)}
-    with (folder / "joints.jsonl").open("w") as stream:
-        for t, q in zip(run.joint_s, run.q, strict=True):
-            stream.write(json.dumps({"time": t, **{names[n]: v for n, v in zip(NAMES, q, strict=True)}}) + "\n")
-    return ["--joints", str(folder / "joints.jsonl")]
+    rows = [{"time": t, **dict(zip(names.values(), q, strict=True))} for t, q in zip(run.joint_s, run.q, strict=True)]
+    (folder / "joints.json").write_text(json.dumps(rows))
+    return ["--joints", str(folder / "joints.json")]
 
 
 def damaged(run: Run, folder: Path) -> list[str]:

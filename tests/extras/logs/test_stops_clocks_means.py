@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.extras.logs.clocks import offset_of_single_points, possible_offsets, refined
+from calib.extras.logs.clocks import offset_of_single_points, possible_offsets
 from calib.extras.logs.means import means_of
 from calib.extras.logs.series import RecordingError, in_order, lost_rows
 from calib.extras.logs.standstill import approach_of, standstill_of
@@ -30,14 +30,9 @@ def test_every_stop_is_found_and_the_clock_to_a_millisecond(name: str, digits: i
     means = np.array([q[phase].mean(axis=0) for phase in rest.phases])
     assert np.abs(means - run.stops_q).max() < (1e-3 if digits == 3 or "mrad" in name else 5e-5)
     path_mm = tool_mm(q, (0.0,) * 6)
-    possible = possible_offsets(run.joint_s, path_mm, run.point_s, run.xyz_mm)
-    assert len(possible) == 1
-    starts, ends = run.joint_s[[(phase.start, phase.stop - 1) for phase in rest.phases]].T
-    spans = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
-    clock = refined(run.joint_s, path_mm, run.point_s, run.xyz_mm, possible[0], spans)
-    assert abs(clock.offset_s - run.offset_s) < min(5.0 * clock.sigma_s, 1e-3)
-    assert clock.travels > 15
-    assert clock.drift == 0.0
+    ((offset_s, correlation),) = possible_offsets(run.joint_s, path_mm, run.point_s, run.xyz_mm)
+    assert abs(offset_s - run.offset_s) < 1e-3
+    assert correlation > 0.95
 
 
 @pytest.mark.parametrize(("noise_rad", "creep_deg", "stands_s"), [(1e-5, 0.2, 1.6), (1e-4, 0.0, 1.6), (2e-5, 0.2, 0.9)])
@@ -62,26 +57,14 @@ def test_a_small_move_parts_stops_and_a_creep_before_one_costs_none(
     assert np.degrees(np.abs(means - stops).max()) < (0.04 if stands_s < 1.0 else 0.01)
 
 
-def test_a_drift_between_the_clocks_shows() -> None:
-    run = recorded_run(np.random.default_rng(2), 40, start_s=0.0)
-    point_s = run.point_s * (1.0 + 3e-4)
-    rest = standstill_of("run", run.joint_s, run.q)
-    path_mm = tool_mm(run.q)
-    (rough,) = possible_offsets(run.joint_s, path_mm, point_s, run.xyz_mm)
-    starts, ends = run.joint_s[[(phase.start, phase.stop - 1) for phase in rest.phases]].T
-    spans = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
-    clock = refined(run.joint_s, path_mm, point_s, run.xyz_mm, rough, spans)
-    assert clock.drift == pytest.approx(3e-4, rel=0.1)
-
-
 def test_single_points_are_laid_into_the_stops() -> None:
     rng = np.random.default_rng(0)
     starts = np.cumsum(rng.uniform(3.0, 9.0, 20))
     ends = starts + rng.uniform(1.0, 2.0, 20)
     taken = rng.uniform(starts + 0.1, ends - 0.1)
-    assert offset_of_single_points(("j", "p"), starts, ends, taken).offset_s == 0.0
-    clock = offset_of_single_points(("j", "p"), starts, ends, taken + 777.7)
-    assert abs(clock.offset_s - 777.7) < 4.0 * clock.sigma_s < 2.0
+    assert offset_of_single_points(("j", "p"), starts, ends, taken) == 0.0
+    at = taken + 777.7 - offset_of_single_points(("j", "p"), starts, ends, taken + 777.7)
+    assert ((starts < at) & (at < ends)).all()
     regular = np.arange(20) * 5.0
     with pytest.raises(RecordingError, match="is ambiguous"):
         offset_of_single_points(("j", "p"), regular, regular + 1.0, regular[:16] + 100.5)
@@ -109,7 +92,7 @@ def test_outlying_samples_and_empty_phases_do_no_harm() -> None:
     samples = [rng.normal(0.0, 0.01, (50, 3)) for _ in range(4)]
     samples[1][7] = 5.0
     found = means_of([*samples, np.zeros((0, 3))])
-    assert found.left_out >= 1
+    assert found.counts.tolist() == [50, 49, 50, 50, 0]
     assert np.abs(found.mean[:4]).max() < 0.01
     assert np.isnan(found.mean[4]).all()
     assert np.isnan(found.sigma[4])
