@@ -13,6 +13,7 @@ import numpy as np
 
 from calib.lazy_modules import is_frame
 from calib.plugins import Presentations, contributions
+from calib.presented import Presented
 from calib.rendering import blocks
 from calib.rendering import text as blocks_text
 from calib.rendering.blocks import Presentation
@@ -56,10 +57,10 @@ def presentation(result: object) -> Presentation:
 def document(result: object) -> Mapping[str, Any]:
     """JSON document of a result, as a command's `--json` prints it; values are converted by `to_dict`.
 
-    A dataclass is the document of its fields. A field's metadata may give its key (`key="name"`), or keep it out
-    (`key=None`).
+    A dataclass is the document of its fields; a part of a result that has another is registered with the whole. A
+    field's metadata may give its key (`key="name"`), or keep it out (`key=None`).
     """
-    if loads_makers():
+    if (isinstance(result, Presented) or not is_dataclass(result)) and loads_makers():
         return document(result)
     if not is_dataclass(result):
         raise TypeError(f"a {type(result).__name__} has no document")

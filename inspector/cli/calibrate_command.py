@@ -10,7 +10,7 @@ from calib.calibration.plausibility import fit_without_outliers, implausibility_
 from calib.calibration.result import Calibration
 from calib.consistency.flange_fit import bad_rows, flange_fit, poorly_known_sentence, tool_sentence
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
+from calib.dataset.files.atomic_write import write_all_atomically
 from calib.dataset.repeats import without_poses
 from calib.diagnosis.effect_selection import FitStep, first_step
 from calib.diagnosis.search_space import add_in_turn
@@ -124,11 +124,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     if options.session is not None:
         session = _as_session(options, dataset, steps)
         contents[options.session] = session_text(session, beside=options.session.parent)
-    for path, content in contents.items():  # all are made before the first is written
-        if isinstance(content, bytes):
-            write_bytes_atomically(path, content)
-        else:
-            write_text_atomically(path, content)
+    write_all_atomically(contents)
     show(options, document, text)
     return 0
 

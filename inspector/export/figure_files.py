@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 
-from calib.dataset.files.atomic_write import write_bytes_atomically
+from calib.dataset.files.atomic_write import write_all_atomically
 from calib.rendering.blocks import FigurePlace, Presentation
 from inspector import figures
 from inspector.figures.results.still import to_svg
@@ -57,8 +57,7 @@ def write_figures(chosen: Sequence[NamedFigure], folder: Path, *, png: bool) -> 
     contents = [png_of(one.svg()) if png else one.svg().encode("utf-8") for one in chosen]
     folder.mkdir(parents=True, exist_ok=True)
     paths = tuple(folder / f"{one.name}{PNG if png else SVG}" for one in chosen)
-    for path, content in zip(paths, contents, strict=True):
-        write_bytes_atomically(path, content)
+    write_all_atomically(dict(zip(paths, contents, strict=True)))
     return paths
 
 

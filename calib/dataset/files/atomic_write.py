@@ -1,19 +1,23 @@
-"""Files written atomically: a reader finds the old content or the new, never a part."""
+"""Files written atomically: a reader finds the old content or the new, never a part; several are new all or none."""
 
 from __future__ import annotations
 
 import os
 import tempfile
+import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from calib.errors import DatasetError
 
+_PART = ".part"
 _NAME = 100  # characters of a file's name in that of the temporary one, which has to be a name too
+_LEFT_OVER_S = 3600.0  # age of a temporary file whose writer was killed
 
 
 def write_text_atomically(path: Path, text: str) -> None:
     """Write UTF-8 text through a temporary file in the same folder, so that no reader finds a partial text."""
-    write_bytes_atomically(path, text.encode("utf-8"))
+    write_all_atomically({path: text})
 
 
 def write_bytes_atomically(path: Path, content: bytes) -> None:
@@ -21,27 +25,55 @@ def write_bytes_atomically(path: Path, content: bytes) -> None:
 
     Raises DatasetError where the path is a folder or cannot be written.
     """
-    if path.is_dir():
-        raise DatasetError(f"{path}: is a folder; name a file to write")
+    write_all_atomically({path: content})
+
+
+def write_all_atomically(contents: Mapping[Path, str | bytes]) -> None:
+    """Write a set of files of which none is changed unless all could be written, texts as UTF-8.
+
+    Each goes to a temporary file in its own folder first; then all take their names, in the order given. A terminal or
+    a pipe is written to directly, at its turn.
+
+    Raises DatasetError where a path is a folder or cannot be written.
+    """
+    data = {
+        path: content if isinstance(content, bytes) else content.encode("utf-8") for path, content in contents.items()
+    }
+    made: dict[Path, Path] = {}  # temporary files by those whose names they take
+    path = Path()
     try:
-        _write(path.resolve(), content)  # a link stays a link
+        for path, content in data.items():
+            if path.is_dir():
+                raise DatasetError(f"{path}: is a folder; name a file to write")
+            if path.is_file() or not path.exists():
+                made[path] = _temporary(path.resolve(), content)  # a link stays a link
+        for path, content in data.items():
+            if path in made:
+                os.replace(made.pop(path), path.resolve())
+            else:
+                path.write_bytes(content)
     except BrokenPipeError:
         raise
     except OSError as error:  # its own text names no file for a full disk, else the temporary one
         raise DatasetError(f"{path}: cannot be written ({error.strerror or error}); name another place") from None
+    finally:
+        for temporary in made.values():
+            temporary.unlink(missing_ok=True)
 
 
-def _write(path: Path, content: bytes) -> None:
-    if path.exists() and not path.is_file():
-        path.write_bytes(content)
-        return
+def _temporary(path: Path, content: bytes) -> Path:
+    """A temporary file with the content of one to be, in its folder, from which those of killed writers are removed."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:_NAME]}.", suffix=".part")
+    prefix = f".{path.name[:_NAME]}."
+    for old in path.parent.iterdir():
+        if old.name.startswith(prefix) and old.suffix == _PART and old.stat().st_mtime < time.time() - _LEFT_OVER_S:
+            old.unlink(missing_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=_PART)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
         os.chmod(name, 0o644)
-        os.replace(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+    return Path(name)

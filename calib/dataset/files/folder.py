@@ -14,7 +14,7 @@ import tomli_w
 from calib.array_types import Vector
 from calib.dataset.attachments import AttachedValue, Attachment
 from calib.dataset.dataset import About, Dataset, Points, Poses, usual_residual
-from calib.dataset.files.atomic_write import write_text_atomically
+from calib.dataset.files.atomic_write import write_all_atomically
 from calib.dataset.files.cell_tables import (
     jig_document,
     load_jig,
@@ -334,15 +334,16 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
             copy = folder / source.relative_to(dataset.folder)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, copy)
-    write_text_atomically(folder / "robot.toml", robot_to_toml(dataset.robot))
-    write_text_atomically(folder / "poses.csv", frame_csv(poses_frame(dataset.poses, dataset.robot)))
-    if dataset.points is not None:
-        text = frame_csv(points_frame(dataset.poses, dataset.points))
-        write_text_atomically(folder / "points.csv", text)
     for value in dataset.attachments.values():
         value.write(folder)
+    files: dict[Path, str | bytes] = {
+        folder / "robot.toml": robot_to_toml(dataset.robot),
+        folder / "poses.csv": frame_csv(poses_frame(dataset.poses, dataset.robot)),
+    }
+    if dataset.points is not None:
+        files[folder / "points.csv"] = frame_csv(points_frame(dataset.poses, dataset.points))
     # dataset.toml last: a folder without it is not taken for a dataset.
-    write_text_atomically(folder / "dataset.toml", tomli_w.dumps(_dataset_document(dataset)))
+    write_all_atomically(files | {folder / "dataset.toml": tomli_w.dumps(_dataset_document(dataset))})
 
 
 def _dataset_document(dataset: Dataset) -> dict[str, Any]:

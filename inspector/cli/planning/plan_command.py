@@ -12,7 +12,7 @@ from calib.api.causes import diagnose
 from calib.array_types import Array, Vector
 from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Box, Dataset, Poses, Surroundings
-from calib.dataset.files.atomic_write import write_text_atomically
+from calib.dataset.files.atomic_write import write_all_atomically
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.errors import CalibError
@@ -80,8 +80,7 @@ def run_plan(options: PlanOptions) -> int:
     written = {} if options.out is None else {options.out: planned_file(plan)}
     for added in options.added:
         written |= added.files(plan)
-    for path, text in written.items():
-        write_text_atomically(path, text)
+    write_all_atomically(written)
     show(options, plan.to_dict(), plan.summary())
     return 0
 

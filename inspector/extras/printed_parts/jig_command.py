@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
+from calib.dataset.files.atomic_write import write_all_atomically
 from calib.extras.printed_parts.flange_parts import BallStem, CornerJig
 from calib.extras.printed_parts.part import PartError, PrintedPart
 from calib.extras.printed_parts.presentation import printed_part_blocks, printed_part_document
@@ -20,12 +20,11 @@ def run_jig(options: JigOptions) -> int:
     out = options.out or Path(f"{options.part}.stl")
     if out.suffix.lower() != ".stl":
         raise PartError(f"{out}: parts are written as STL; name a file that ends in .stl")
-    write_bytes_atomically(out, part.stl())
-    files = [out]
+    files: dict[Path, str | bytes] = {out: part.stl()}
     if part.kind == "sockets":
-        files.append(out.with_suffix(".csv"))
         rows = [f"{point.name},{','.join(f'{value:g}' for value in point.xyz_mm)}" for point in part.points]
-        write_text_atomically(files[1], "\n".join(["socket,x_mm,y_mm,z_mm", *rows]) + "\n")
+        files[out.with_suffix(".csv")] = "\n".join(["socket,x_mm,y_mm,z_mm", *rows]) + "\n"
+    write_all_atomically(files)
     names = [str(file) for file in files]
     show(options, printed_part_document(part, names), block_text(*printed_part_blocks(part, names)))
     return 0
