@@ -26,12 +26,12 @@ from calib.dataset.files.poses_csv import (
     load_joints,
     names,
 )
-from calib.dataset.files.robot_toml import degrees
 from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
 from calib.text_files.csv_text import frame_csv
+from calib.text_files.toml_table import degrees
 
 
 @dataclass(frozen=True)

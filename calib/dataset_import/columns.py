@@ -9,9 +9,7 @@ from dataclasses import dataclass, replace
 from calib.dataset.signals import is_signal
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.text_files.column_names import MOST_CHARACTERS, listed, plain, split_unit
-
-LENGTHS = ("mm", "m", "cm", "in", "um")
+from calib.text_files.column_names import LENGTHS_MM, MOST_CHARACTERS, listed, plain, split_unit
 
 _JOINT = re.compile(
     r"(?P<set>.*?(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse|rax|mp|actuator|articulation|articulación|giunto|juntas?|关节|轴|関節|軸|第))"
@@ -411,7 +409,7 @@ def _point_columns(names: Sequence[str]) -> dict[str, str]:
     for name in names:
         base, unit = split_unit(name)
         base = _AXES.get(plain(base), base)
-        match = _POINT.match(plain(base)) if unit in ("", *LENGTHS) else None
+        match = _POINT.match(plain(base)) if unit in ("", *LENGTHS_MM) else None
         words = "" if match is None else match["before"] + match["after"]
         if match is None or (not has_nominal and any(word in words for word in _ACTUAL_POINT)):
             continue

@@ -9,9 +9,8 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset_import.columns import words_of
-from calib.dataset_import.units import ANGLES_RAD
 from calib.rendering import numbers
-from calib.text_files.column_names import split_unit
+from calib.text_files.column_names import ANGLES_RAD, split_unit
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import UserTable
 

@@ -16,7 +16,7 @@ from calib.array_types import Array
 from calib.dataset_import.flange_columns import ANY_FORM, FIXED, VECTOR, XYZ, ZYX, ZYZ, FlangeColumns, flange_columns
 from calib.errors import CalibError
 from calib.kinematics.cartesian import joints_of_poses
-from calib.text_files.column_names import UNITS, plain, split_unit
+from calib.text_files.column_names import LENGTHS_MM, UNITS, plain, split_unit
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import UserTable
 
@@ -26,7 +26,6 @@ _CLEAR = 3.0  # ratio of misfits from which one reading is clearly the right one
 _SAME_MM = 1e-3  # readings whose poses differ by less, 3D and over this many mm of a lever, are one
 _LEVER_MM = 1000.0
 _REACH_M = 20.0  # places below are metres where no unit is told
-_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +155,8 @@ def _readings(table: UserTable, columns: FlangeColumns) -> list[FlangePoses]:
 
 def _length(unit: str, place: Array) -> tuple[float, str]:
     """Factor of places to mm, and the unit's name: by the column's name, else by the arm's reach."""
-    unit = unit if unit in _MM else "m" if np.abs(place).max() < _REACH_M else "mm"
-    return _MM[unit], unit
+    unit = unit if unit in LENGTHS_MM else "m" if np.abs(place).max() < _REACH_M else "mm"
+    return LENGTHS_MM[unit], unit
 
 
 def _of_matrices(numbers: Array, used: tuple[str, ...]) -> list[FlangePoses]:

@@ -16,7 +16,6 @@ from calib.array_types import Array
 from calib.consistency.agreement import Sample, misfit_mm, nominal_places
 from calib.dataset_import.columns import AS_MAPPED, Column, Recognised, marker_columns
 from calib.dataset_import.reading import ImportReport, MeantTable, coordinates
-from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import visible
 from calib.frames import apply, best_fit_transform, invert
 from calib.kinematics.chain import nominal_chain
@@ -24,7 +23,7 @@ from calib.kinematics.robot import TOOL_POINT, Robot, Target
 from calib.kinematics.tool_point import tool_point_of, with_own_tool_point
 from calib.robot_formats.chain.five_parameters import vector
 from calib.statistics import group_numbers, rms_length
-from calib.text_files.column_names import split_unit
+from calib.text_files.column_names import LENGTHS_MM, split_unit
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import UserTable
 

@@ -51,7 +51,7 @@ from calib.dataset_import.reading import (
 )
 from calib.dataset_import.sources import ImportSource
 from calib.dataset_import.tool_offset import with_tool_offset
-from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
+from calib.dataset_import.units import joint_units, length_unit
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
 from calib.errors import CalibError, DatasetError
 from calib.plugins import contributions, load
@@ -61,7 +61,7 @@ from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
 from calib.robot_formats.urdf.meshes import stl_of_links
 from calib.scans.scan import load_scan
-from calib.text_files.column_names import split_unit
+from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM, split_unit
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import COLUMN, Fault, RowFault, UserTable, load_table
 

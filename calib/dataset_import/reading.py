@@ -27,11 +27,11 @@ from calib.dataset_import.columns import (
 )
 from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.pose_names import SAME_NAMES, comparable_id, matched
-from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
+from calib.dataset_import.units import length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
-from calib.text_files.column_names import plain, split_unit
+from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM, plain, split_unit
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import Fault, RowFault, UserTable
 

@@ -11,9 +11,8 @@ from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from calib.statistics import rms, rms_length
+from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM
 
-LENGTHS_MM = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
-ANGLES_RAD = {"deg": float(np.pi / 180.0), "rad": 1.0}
 _RADIANS_AT_MOST = 4.0 * np.pi  # of a joint that turns
 _METRES_AT_MOST = 5.0  # of a joint that slides
 _CLEARLY = 0.5  # of the other unit's misfit

@@ -16,12 +16,13 @@ from calib.dataset_import.columns import recognise
 from calib.dataset_import.flange_columns import FIXED, VECTOR, XYZ, ZYX, ZYZ, flange_columns
 from calib.dataset_import.flange_poses import readings_of
 from calib.dataset_import.reading import ImportReport, joint_values, recognised
-from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units
+from calib.dataset_import.units import joint_units
 from calib.errors import CalibError
 from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.serial_chain import chain_frames
 from calib.robot_formats.robot_file import ReadOptions, RobotFile, named_robot, read_arm
+from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM
 from calib.text_files.user_table import UserTable, load_table
 
 _QUARTER_RAD = float(np.radians(1.0))  # from whole quarter turns, within which two frames are one and its axes' names

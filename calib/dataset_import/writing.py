@@ -21,10 +21,10 @@ from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
 from calib.dataset_import.columns import is_beside_point
 from calib.dataset_import.measured import MeasuredPoses
 from calib.dataset_import.reading import ImportReport, MeantTable
-from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import template_name
+from calib.text_files.column_names import LENGTHS_MM
 from calib.text_files.csv_text import rows_csv
 
 _WORDS = {

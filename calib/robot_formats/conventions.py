@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from calib.errors import CalibError
 from calib.frames import invert
 from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
-from calib.robot_formats.chain.five_parameters import robot_of, row_transform
+from calib.robot_formats.chain.five_parameters import modified_transform, robot_of, row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
 from calib.robot_formats.robot_file import ReadOptions, RobotFile, named_robot
 from calib.robot_formats.robot_form import template_suffixes
@@ -62,18 +60,18 @@ def _is_denavit_hartenberg(path: Path) -> bool:
 
 def _readings_of_table(path: Path, reading: ReadOptions) -> list[RobotReading]:
     found: list[RobotReading] = []
-    failed: list[CalibError] = []
-    asked = reading.convention
-    for convention in sorted(CONVENTIONS, key=lambda each: each != asked):
+    failed: CalibError | None = None
+    for convention in CONVENTIONS:
+        is_asked = convention == reading.convention
         try:
             robot = named_robot(str(path), replace(reading, convention=convention))
-            found.append(RobotReading(convention, robot, asked=convention == asked))
+            found.insert(0 if is_asked else len(found), RobotReading(convention, robot, asked=is_asked))
         except CalibError as error:
-            if convention == asked:
+            if is_asked:
                 raise
-            failed.append(error)
-    if not found:
-        raise failed[0]
+            failed = error
+    if failed is not None and not found:
+        raise failed
     return found
 
 
@@ -85,17 +83,14 @@ def as_modified(robot: Robot) -> Robot | None:
     """
     if any(joint.beta_rad for joint in robot.joints) or robot.targets or robot.coupling:
         return None
-    joints, before = [], robot.base_T_first
-    for joint in robot.joints:
-        tilt = row_transform((0.0, joint.alpha_rad, 0.0, 0.0, 0.0))
-        across = row_transform((joint.a_mm, 0.0, 0.0, 0.0, 0.0))
-        way = tilt @ across @ row_transform((0.0, 0.0, joint.d_mm, joint.theta_rad, 0.0))
-        joints.append(
-            ChainJoint(
-                joint.name, before @ way, type=joint.type, min=joint.min, max=joint.max, gear_ratio=joint.gear_ratio
-            )
+    joints = [
+        ChainJoint(
+            joint.name, modified_transform(joint.a_mm, joint.alpha_rad, joint.d_mm, joint.theta_rad), type=joint.type,
+            min=joint.min, max=joint.max, gear_ratio=joint.gear_ratio,
         )
-        before = np.eye(4)
+        for joint in robot.joints
+    ]  # fmt: skip
+    joints[0] = replace(joints[0], before_T_joint=robot.base_T_first @ joints[0].before_T_joint)
     tool = row_transform(robot.tool.row)
     return robot_of(
         SerialChain(robot.name, tuple(joints), tool, robot.gravity_m_s2, tip_T_flange=invert(flange_T_tip(robot)))

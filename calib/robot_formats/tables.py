@@ -16,7 +16,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,24 +25,31 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.frames import invert, make_transform, rotation_from_rpy
-from calib.robot_formats.chain.five_parameters import row_transform
+from calib.robot_formats.chain.five_parameters import modified_transform, row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 from calib.robot_formats.urdf.safe_xml import read_bytes
-from calib.text_files.column_names import plain, split_unit
+from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM, plain, split_unit
+from calib.text_files.records import rows_of
 from calib.text_files.user_table import Fault, UserTable, load_table
 
 CONVENTIONS = ("standard", "modified")
 _TIPS = ("tool", "tool0", "flange", "tcp", "ee", "tip", "home", "m")
 _TOOLS = ("tool", "tcp")  # behind the flange
 _HERE = np.eye(4)
-_ANGLES = {"deg": math.pi / 180.0, "rad": 1.0}
-_LENGTHS = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
+_LENGTHS: dict[str, float] = dict(LENGTHS_MM)
+_UNITS: dict[str, dict[str, float]] = {  # of each kind of column, to mm and rad
+    "length": _LENGTHS, "angle": dict(ANGLES_RAD), "number": {"": 1.0},
+    "moment": {"": 1000.0, **_LENGTHS},  # without a unit those of metres
+}  # fmt: skip
 _JOINT = re.compile(r"(?:\+\s*)?\b(?:q|theta|θ)_?\d*\*?(?=\s*(?:$|[+-]))", re.IGNORECASE)  # its own value in a cell
 _PI = re.compile(r"π|pi", re.IGNORECASE)
 _JSON_KEYS = {"thetaoffset": "theta", "offset": "theta", "jointid": "name", "joint": "name", "jointname": "name",
               "jointtype": "type"}  # fmt: skip
+_KINDS = {"a": "length", "d": "length", "alpha": "angle", "theta": "angle"}
 _SAME_AXIS_MM, _SAME_AXIS_RAD = 1e-6, 1e-9
+_RPY = ("roll", "pitch", "yaw")
 _MOST = 1e6
+_NO_DIRECTION = 1e-9
 _OF_PI = re.compile(  # as makers print angles: π/2, -π/2, pi, 3pi/4, 0.5*pi
     r"(?P<sign>[+-]?)(?P<times>\d{0,9}\.?\d{0,9})\s?\*?\s?(?:π|pi)(?:\s?/\s?(?P<by>\d{1,9}))?", re.I | re.ASCII
 )
@@ -62,7 +69,7 @@ def chain_of_table(path: Path, convention: str | None) -> SerialChain:
         raise RobotFileError(f"{path}: --convention is for tables of theta, d, a, alpha; found {table.named}")
     if table.has("wx", "wy", "wz"):
         return _screws(table)
-    if table.has("x", "y", "z", "roll", "pitch", "yaw"):
+    if table.has(*"xyz", *_RPY):
         return _origins(table)
     raise RobotFileError(
         f"{path}: line 1: found {table.named}; expected theta, d, a, alpha, or wx, wy, wz with px, py, pz, or x, y, z, "
@@ -92,24 +99,26 @@ def _of_json(path: Path) -> tuple[UserTable, str | None]:
         raise RobotFileError(
             f"{path}: found {', '.join(map(str, told))[:200]}; a list with a, alpha, d, theta of each joint is needed"
         )
-    declared = told.get("units")
-    units = declared if isinstance(declared, dict) else {}
-    of_kind = {"length": str(units.get("length", "")), "angle": str(units.get("angle", ""))}
-    kinds = {"a": "length", "d": "length", "alpha": "angle", "theta": "angle"}
-    keys = list(dict.fromkeys(key for row in rows for key in row))
+    units = told.get("units")
+    keys, *cells = rows_of(path, [{"theta": 0, **row} if _THETAS.isdisjoint(_bare(row)) else row for row in rows])
     columns = []
     for key in keys:
         base, unit = split_unit(key)
         name = _JSON_KEYS.get(plain(base), plain(base))
-        unit = unit or of_kind.get(kinds.get(name, ""), "")
+        unit = unit or (str(units.get(_KINDS.get(name), "")) if isinstance(units, dict) else "")
         columns.append(f"{name}_{unit}" if unit else name)
-    cells = tuple(tuple("" if row.get(key) is None else str(row[key]) for key in keys) for row in rows)
-    if "theta" not in [split_unit(name)[0] for name in columns]:
-        unit = f"_{of_kind['angle']}" if of_kind["angle"] else ""
-        columns, cells = [*columns, f"theta{unit}"], tuple((*row, "0") for row in cells)
     convention = next((str(value).lower() for key, value in told.items() if "convention" in key.lower()), "")
     found = "modified" if "mod" in convention or "craig" in convention else "standard" if convention else None
-    return UserTable(path, tuple(columns), cells, tuple(range(1, len(cells) + 1)), has_header=True), found
+    table = UserTable(path, tuple(columns), tuple(map(tuple, cells)), tuple(range(1, len(cells) + 1)), has_header=True)
+    return table, found
+
+
+_THETAS = {"theta", "thetaoffset", "offset"}
+
+
+def _bare(row: Mapping[str, Any]) -> set[str]:
+    """Keys of a joint without their units."""
+    return {plain(split_unit(str(key))[0]) for key in row}
 
 
 def _rows_of(value: object) -> list[dict[str, Any]]:
@@ -118,8 +127,7 @@ def _rows_of(value: object) -> list[dict[str, Any]]:
         value = [{"name": name, **row} for name, row in value.items() if isinstance(row, dict)]
     if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
         return []
-    wanted = {"a", "alpha", "d"}
-    return [] if any(wanted - {plain(split_unit(str(key))[0]) for key in row} for row in value) else value
+    return [] if any({"a", "alpha", "d"} - _bare(row) for row in value) else value
 
 
 class _Table:
@@ -172,30 +180,40 @@ class _Table:
         return [cell or default for cell in self.table.text(self._columns[column][0])]
 
     def values(self, column: str, kind: str) -> Array:
-        """Values (rows,) of a column: mm or rad as `kind` is "length" or "angle", bare numbers for "none"."""
+        """Values (rows,) of a column of a kind, in mm or rad; an empty cell is 0."""
         name, unit = self._columns[column]
         faults: list[Fault] = []
-        filled = [tuple(cell or "0" for cell in row) for row in self.table.rows]
-        k = self.table.columns.index(name)
-        if kind == "angle" and not unit and any(_PI.search(row[k]) for row in filled):
+        cells = [cell or "0" for cell in self.table.text(name)]
+        if kind == "angle" and not unit and any(map(_PI.search, cells)):
             unit = "rad"
         if kind in ("angle", "length") and unit != "deg":
-            filled = [(*row[:k], _without_pi(row[k]), *row[k + 1 :]) for row in filled]
-        out = replace(self.table, rows=tuple(filled)).numbers(name, faults.append)
+            cells = list(map(_without_pi, cells))
+        out = replace(self.table, columns=(name,), rows=tuple((cell,) for cell in cells)).numbers(name, faults.append)
         if faults:
             raise RobotFileError(str(faults[0]))
-        units = {"length": _LENGTHS, "angle": _ANGLES, "none": {"": 1.0}}[kind]
+        units = _UNITS[kind]
         if unit not in units:
             needed = " or ".join(f"{plain(column)}_{known}" for known in list(units)[:2])
             raise RobotFileError(
                 f"{self.path}: line 1: column {name!r} tells no unit that it may have; name it {needed}"
             )
         out = out * units[unit]
-        if np.abs(out).max() > _MOST:
-            self.fail(
-                int(np.abs(out).argmax()), f"column {name}: {out[np.abs(out).argmax()]:g} is beyond {_MOST:g} mm or rad"
-            )
+        i = int(np.abs(out).argmax())
+        if abs(out[i]) > _MOST:
+            self.fail(i, f"column {name}: {out[i]:g} is beyond {_MOST:g} mm or rad")
         return out
+
+    def vectors(self, columns: Sequence[str], kind: str) -> Array:
+        """Values (rows, columns) of some columns of a kind."""
+        return np.column_stack([self.values(column, kind) for column in columns])
+
+    def directions(self, vectors: Array) -> Array:
+        """Unit vectors (joints, 3) of the joints' rows."""
+        lengths = np.linalg.norm(vectors, axis=1)
+        for i in self.joints:
+            if lengths[i] < _NO_DIRECTION:
+                self.fail(i, "the axis has no direction")
+        return np.asarray(vectors[self.joints] / lengths[self.joints, None])
 
     def limits(self, end: str) -> list[float | None]:
         """Lower or upper limits of the joints, rad or mm; None where the table has none."""
@@ -203,12 +221,16 @@ class _Table:
             return [None] * len(self.joints)
         cells = self.table.text(self._columns[end][0])
         turning = all(kind == "revolute" for kind in self.types)
-        values = self.values(end, "angle" if turning or self._columns[end][1] in _ANGLES else "length")
+        values = self.values(end, "angle" if turning or self._columns[end][1] in ANGLES_RAD else "length")
         return [float(values[i]) if cells[i] else None for i in self.joints]
 
     def fail(self, row: int, words: str) -> None:
         """Raise RobotFileError with the line of a row."""
         raise RobotFileError(f"{self.path}: line {self.table.lines[row]}: {words}")
+
+    def chain_of_ways(self, ways: Sequence[Array], axes: Array | None = None) -> SerialChain:
+        """Chain of a transform (4, 4) to each row from the one before."""
+        return self.chain([ways[i] for i in self.joints], _HERE if self.tip is None else ways[self.tip], axes)
 
     def chain(
         self, places: Sequence[Array], end: Array, axes: Array | None = None, last_T_flange: Array = _HERE
@@ -228,9 +250,7 @@ class _Table:
 
 
 def _denavit_hartenberg(table: _Table, convention: str | None) -> SerialChain:
-    a, d = table.values("a", "length"), table.values("d", "length")
-    alpha, theta = table.values("alpha", "angle"), table.values("theta", "angle")
-    rows = np.column_stack([a, alpha, d, theta])
+    rows = np.column_stack([table.values(key, kind) for key, kind in _KINDS.items()])  # a, d, alpha, theta
     readings = {"standard": _standard(table, rows), "modified": _modified(table, rows)}
     coinciding = {name: _same_axes(chain) for name, chain in readings.items()}
     if convention is None:
@@ -248,20 +268,14 @@ def _denavit_hartenberg(table: _Table, convention: str | None) -> SerialChain:
 
 
 def _standard(table: _Table, rows: Array) -> SerialChain:
-    ends = [row_transform((a, alpha, d, theta, 0.0)) for a, alpha, d, theta in rows]
+    ends = [row_transform((a, alpha, d, theta, 0.0)) for a, d, alpha, theta in rows]
     of_joints = [ends[i] for i in table.joints]
     end = of_joints[-1] if table.tip is None else of_joints[-1] @ ends[table.tip]
-    return table.chain([np.eye(4), *of_joints[:-1]], end, last_T_flange=of_joints[-1])
+    return table.chain([_HERE, *of_joints[:-1]], end, last_T_flange=of_joints[-1])
 
 
 def _modified(table: _Table, rows: Array) -> SerialChain:
-    ways = [
-        row_transform((0.0, alpha, 0.0, 0.0, 0.0))
-        @ row_transform((a, 0.0, 0.0, 0.0, 0.0))
-        @ row_transform((0.0, 0.0, d, theta, 0.0))
-        for a, alpha, d, theta in rows
-    ]
-    return table.chain([ways[i] for i in table.joints], np.eye(4) if table.tip is None else ways[table.tip])
+    return table.chain_of_ways([modified_transform(a, alpha, d, theta) for a, d, alpha, theta in rows])
 
 
 def _same_axes(chain: SerialChain) -> list[int]:
@@ -276,49 +290,30 @@ def _same_axes(chain: SerialChain) -> list[int]:
 
 
 def _screws(table: _Table) -> SerialChain:
-    w = np.column_stack([table.values(key, "none") for key in ("wx", "wy", "wz")])
-    given = table.has("px", "py", "pz")
-    if not given and not table.has("vx", "vy", "vz"):
+    w = table.vectors(("wx", "wy", "wz"), "number")
+    if table.has("px", "py", "pz"):
+        p_mm = table.vectors(("px", "py", "pz"), "length")
+    elif table.has("vx", "vy", "vz"):
+        v_mm = table.vectors(("vx", "vy", "vz"), "moment")
+        p_mm = np.cross(w, v_mm) / np.maximum(np.sum(w**2, axis=1, keepdims=True), 1e-300)
+        slides = np.linalg.norm(w, axis=1) < _NO_DIRECTION
+        w = np.where(slides[:, None], v_mm, w)
+        p_mm[slides] = 0.0
+    else:
         raise RobotFileError(
             f"{table.path}: line 1: found {table.named}; axes need points px, py, pz or moments vx, vy, vz"
         )
-    if given:
-        p_mm = np.column_stack([table.values(key, "length") for key in ("px", "py", "pz")])
-    else:
-        unit = {split_unit(name)[1] for name in table.table.columns if plain(split_unit(name)[0]) in ("vx", "vy", "vz")}
-        kind = "none" if unit == {""} else "length"
-        v = np.column_stack([table.values(key, kind) for key in ("vx", "vy", "vz")])
-        v_mm = v * (1000.0 if kind == "none" else 1.0)  # moments without a unit are those of metres
-        length = np.maximum(np.sum(w**2, axis=1, keepdims=True), 1e-300)
-        p_mm = np.cross(w, v_mm) / length
-        slides = np.linalg.norm(w, axis=1) < 1e-9
-        w = np.where(slides[:, None], v, w)
-        p_mm[slides] = 0.0
-    axes, places, before = [], [], np.zeros(3)
-    for i in table.joints:
-        length = float(np.linalg.norm(w[i]))
-        if length < 1e-9:
-            table.fail(i, "the axis has no direction")
-        axes.append(w[i] / length)
-        places.append(make_transform(np.eye(3), p_mm[i] - before))
-        before = p_mm[i]
-    end = make_transform(np.eye(3), -before)
+    of_joints = p_mm[table.joints]
+    places = [make_transform(np.eye(3), step) for step in np.diff(of_joints, axis=0, prepend=np.zeros((1, 3)))]
+    end = make_transform(np.eye(3), -of_joints[-1])
     if table.tip is not None:
-        keys = ("roll", "pitch", "yaw")
-        rpy = [float(table.values(key, "angle")[table.tip]) if table.has(key) else 0.0 for key in keys]
-        end = make_transform(rotation_from_rpy(rpy), p_mm[table.tip] - before)
-    return table.chain(places, end, np.array(axes))
+        rpy = [table.values(key, "angle")[table.tip] if table.has(key) else 0.0 for key in _RPY]
+        end = make_transform(rotation_from_rpy(rpy), p_mm[table.tip] - of_joints[-1])
+    return table.chain(places, end, table.directions(w))
 
 
 def _origins(table: _Table) -> SerialChain:
-    xyz_mm = np.column_stack([table.values(key, "length") for key in "xyz"])
-    rpy = np.column_stack([table.values(key, "angle") for key in ("roll", "pitch", "yaw")])
-    ways = [make_transform(rotation_from_rpy(turn), place) for turn, place in zip(rpy, xyz_mm, strict=True)]
-    axes = None
-    if table.has("axisx", "axisy", "axisz"):
-        axes = np.column_stack([table.values(key, "none") for key in ("axisx", "axisy", "axisz")])[table.joints]
-        lengths = np.linalg.norm(axes, axis=1, keepdims=True)
-        if lengths.min() < 1e-9:
-            table.fail(table.joints[int(lengths.argmin())], "the axis has no direction")
-        axes = axes / lengths
-    return table.chain([ways[i] for i in table.joints], np.eye(4) if table.tip is None else ways[table.tip], axes)
+    turns, places = table.vectors(_RPY, "angle"), table.vectors("xyz", "length")
+    ways = [make_transform(rotation_from_rpy(turn), place) for turn, place in zip(turns, places, strict=True)]
+    axes = ("axisx", "axisy", "axisz")
+    return table.chain_of_ways(ways, table.directions(table.vectors(axes, "number")) if table.has(*axes) else None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 
@@ -24,6 +25,8 @@ _SPELLINGS = {
 }
 UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in listed(spellings)}
 """Spellings of units, and the name of each unit in this program."""
+LENGTHS_MM = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
+ANGLES_RAD = {"deg": math.radians(1.0), "rad": 1.0}
 MOST_CHARACTERS = 200  # of a column name that is parsed
 _UNIT = re.compile(
     r"^(?P<name>.*?)(?:[\s_]*[\[(\uff08\u3010]\s*(?P<bracket>[^\])\uff09\u3011]+?)\s*[\])\uff09\u3011]"

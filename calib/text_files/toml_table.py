@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import fields
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -64,7 +65,7 @@ class TomlTable:
         value = self._get(key)
         if value is None:
             return default
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if not is_finite(value):
             raise self.error(key, f"found {value!r}", "a finite number is needed")
         if positive and value <= 0:
             raise self.error(key, f"found {value}", "a number above 0 is needed")
@@ -117,23 +118,43 @@ class TomlTable:
         value = self._get(key)
         if value is None:
             return None
-        numbers = isinstance(value, list) and all(
-            isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value
-        )
-        if not numbers or len(value) != 3:
+        if not isinstance(value, list) or len(value) != 3 or not all(map(is_finite, value)):
             raise self.error(key, f"found {value!r}", "three finite numbers in [ ] are needed")
         return (float(value[0]), float(value[1]), float(value[2]))
+
+    def record(self, kind: type, *, positive: bool = False, but: Collection[str] = ()) -> dict[str, Any]:
+        """Values of a record's fields of the types number, vector, text and flag that the table has; angles become rad.
+
+        Raises DatasetError, with `positive` for numbers that are not above 0.
+        """
+        out: dict[str, Any] = {}
+        for each in fields(kind):
+            key = f"{each.name.removesuffix('_rad')}_deg" if each.name.endswith("_rad") else each.name
+            if each.name in but or key not in self.data:
+                continue
+            match str(each.type).partition(" ")[0]:
+                case "float":
+                    value = self.number(key, positive=positive)
+                    out[each.name] = math.radians(value or 0.0) if key != each.name else value
+                case "Vector":
+                    out[each.name] = self.vector(key)
+                case "str":
+                    out[each.name] = self.text(key)
+                case "bool":
+                    out[each.name] = self.flag(key, False)
+        return out
 
     def square_matrix(self, key: str, size: int) -> tuple[tuple[float, ...], ...]:
         """Matrix (size, size) of finite numbers under a key; () where the key is absent. Raises DatasetError."""
         rows = self._get(key)
         if rows is None:
             return ()
-        if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-            raise self.error(key, f"found {rows!r}", f"{size} rows of {size} numbers in [ ] are needed")
-        numbers = [v for row in rows for v in row]
-        finite = all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in numbers)
-        if not finite or len(rows) != size or any(len(row) != size for row in rows):
+        is_square = isinstance(rows, list) and len(rows) == size
+        if (
+            not is_square
+            or not all(isinstance(row, list) and len(row) == size for row in rows)
+            or not all(is_finite(value) for row in rows for value in row)
+        ):
             raise self.error(key, f"found {rows!r}", f"{size} rows of {size} finite numbers are needed")
         return tuple(tuple(map(float, row)) for row in rows)
 
@@ -157,6 +178,29 @@ class TomlTable:
     def unread(self) -> dict[str, Any]:
         """The keys that were not read, with their values, so that writing the file again loses nothing."""
         return {key: value for key, value in self.data.items() if key not in self._read}
+
+
+def is_finite(value: object) -> bool:
+    """Whether a value of TOML is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def degrees(angle_rad: float) -> float:
+    """An angle converted to degrees, rounded to 15 digits, so that 90.012 is written as 90.012."""
+    return float(f"{math.degrees(angle_rad):.15g}")
+
+
+def document_of(record: Any, *, but: Collection[str] = ()) -> dict[str, Any]:
+    """Fields of a record as a table of TOML, then its `extra`: angles in degrees, lists for tuples, None left out."""
+    out: dict[str, Any] = {}
+    for name, value in ((each.name, getattr(record, each.name)) for each in fields(record)):
+        if name in but or name == "extra" or value is None:
+            continue
+        if name.endswith("_rad"):
+            name = f"{name.removesuffix('_rad')}_deg"
+            value = list(map(degrees, value)) if isinstance(value, tuple) else degrees(value)
+        out[name] = list(value) if isinstance(value, tuple) else value
+    return out | dict(getattr(record, "extra", {}))
 
 
 def _refuse_nested(file: Path, text: str) -> None:

@@ -102,7 +102,7 @@ def test_a_screw_and_a_zero_are_in_degrees_in_the_file(tmp_path: Path) -> None:
     [
         ([[1.0, 0.0]], "3 rows of 3 finite numbers are needed"),
         ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, "1", 1.0]], "3 rows of 3 finite numbers are needed"),
-        ([1.0, 2.0, 3.0], "3 rows of 3 numbers in [ ] are needed"),
+        ([1.0, 2.0, 3.0], "3 rows of 3 finite numbers are needed"),
         ([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "which has no inverse"),
     ],
 )

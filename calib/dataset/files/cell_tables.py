@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from calib.array_types import Vector
 from calib.dataset.dataset import Box, Scanner, SignalNoise, Surroundings
 from calib.dataset.files.points_csv import LEAST_SIGMA_DEG, LEAST_SIGMA_MM, MOST_SIGMA_DEG, MOST_SIGMA_MM
-from calib.dataset.files.robot_toml import degrees
 from calib.errors import CornerError, is_one_line
 from calib.jig import Jig, jig_normals
-from calib.text_files.toml_table import TomlTable
+from calib.text_files.toml_table import TomlTable, document_of, is_finite
 
 _FARTHEST_MM = 1e5
 _SHORTEST_WAVE_MM = 0.01
@@ -28,44 +27,39 @@ _KINDS = ("scanner", "camera")  # of the instrument
 _SIGMAS = ("declared", "estimated")  # how the sigmas of [scanner] are known
 
 
+_TOGETHER = (  # keys of [scanner] that only tell something together
+    ("field_mm", "distance_mm", "give field_mm = [width, height, depth] and distance_mm, to the field's middle"),
+    ("correlated_sigma_mm", "correlation_length_mm", "give the size of the smooth error and how far it reaches"),
+)
+_LIMITS = {  # of sigmas, by the end of their key
+    "sigma_mm": (LEAST_SIGMA_MM, MOST_SIGMA_MM), "orientation_sigma_deg": (LEAST_SIGMA_DEG, MOST_SIGMA_DEG),
+    "link_sigma_deg": (1e-9, MOST_SIGMA_DEG), "torque_sigma_nm": (1e-9, 1e5),
+}  # fmt: skip
+
+
 def load_scanner(table: TomlTable) -> Scanner:
     """The instrument that [scanner] declares. Raises DatasetError."""
-    sigma_deg = _sigma(table, "orientation_sigma_deg", LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")
-    field_mm, distance_mm = table.vector("field_mm"), table.number("distance_mm", positive=True)
+    found = table.record(Scanner, positive=True)
+    _require_sigmas(table)
+    field_mm, distance_mm, incidence_deg, length_mm = map(
+        found.get, ("field_mm", "distance_mm", "max_incidence_deg", "correlation_length_mm")
+    )
+    for one, other, remedy in _TOGETHER:
+        if (one in found) != (other in found):
+            raise table.error(one if other in found else other, "the key is missing", f"{remedy}, or neither")
     if field_mm is not None and not all(0.0 < size <= _FARTHEST_MM for size in field_mm):
-        raise table.error(
-            "field_mm", f"found {list(field_mm)}", "width, height and depth of the field, above 0, are needed"
-        )
-    if (field_mm is None) != (distance_mm is None):
-        missing = "field_mm" if field_mm is None else "distance_mm"
-        remedy = "give field_mm = [width, height, depth] and distance_mm, to the field's middle, or neither"
-        raise table.error(missing, "the key is missing", remedy)
-    if field_mm is not None and distance_mm is not None and 0.5 * field_mm[2] >= distance_mm:
-        found = f"found a depth of {field_mm[2]:g} mm around {distance_mm:g} mm"
-        raise table.error("field_mm", found, "half the depth is less than distance_mm")
-    incidence_deg = table.number("max_incidence_deg", positive=True)
+        remedy = "width, height and depth of the field, above 0, are needed"
+        raise table.error("field_mm", f"found {list(field_mm)}", remedy)
+    if field_mm is not None and 0.5 * field_mm[2] >= distance_mm:
+        found_words = f"found a depth of {field_mm[2]:g} mm around {distance_mm:g} mm"
+        raise table.error("field_mm", found_words, "half the depth is less than distance_mm")
     if incidence_deg is not None and incidence_deg >= 90.0:
         raise table.error("max_incidence_deg", f"found {incidence_deg:g}", "an angle below 90 is needed")
-    correlated_mm = _sigma(table, "correlated_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm")
-    length_mm = table.number("correlation_length_mm", positive=True)
-    if (correlated_mm is None) != (length_mm is None):
-        missing = "correlated_sigma_mm" if correlated_mm is None else "correlation_length_mm"
-        remedy = "give the size of the smooth error and how far it reaches across the view, or neither"
-        raise table.error(missing, "the key is missing", remedy)
     if length_mm is not None and not _SHORTEST_WAVE_MM <= length_mm <= _FARTHEST_MM:
         remedy = f"a length between {_SHORTEST_WAVE_MM:g} and {_FARTHEST_MM:g} mm is needed"
         raise table.error("correlation_length_mm", f"found {length_mm:g}", remedy)
     return Scanner(
-        orientation_sigma_rad=None if sigma_deg is None else math.radians(sigma_deg),
-        point_sigma_mm=_sigma(table, "point_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
-        scan_sigma_mm=_sigma(table, "scan_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
-        field_mm=field_mm,
-        distance_mm=distance_mm,
-        max_incidence_deg=incidence_deg,
-        correlated_sigma_mm=correlated_mm,
-        correlation_length_mm=length_mm,
-        registration_sigma_mm=_sigma(table, "registration_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
-        place_sigma_mm=_sigma(table, "place_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        **found,
         is_camera=table.text("kind", _KINDS[0], choices=_KINDS) == _KINDS[1],
         sigmas_estimated=table.text("sigmas", _SIGMAS[0], choices=_SIGMAS) == _SIGMAS[1],
         extra=table.unread(),
@@ -87,58 +81,28 @@ def load_mount(table: TomlTable) -> bool:
     return table.text("mount", "room", choices=MOUNTS) == "flange"
 
 
-def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> float | None:
-    """Standard deviation under a key, in its unit, checked against the limits; None where the key is absent."""
-    sigma = table.number(key, positive=True)
-    if sigma is not None and not least <= sigma <= most:
-        raise table.error(
-            key,
-            f"found {sigma:g} {unit}",
-            f"a sigma lies between {least:g} and {most:g} {unit}; leave the line out where it is not known",
-        )
-    return sigma
+def _require_sigmas(table: TomlTable) -> None:
+    """Raise DatasetError where a standard deviation is outside its limits."""
+    for key, sigma in table.data.items():
+        for end, (least, most) in _LIMITS.items():
+            if key.endswith(end) and is_finite(sigma) and not least <= sigma <= most:
+                unit = key.rpartition("_")[2].replace("nm", "Nm")
+                remedy = f"a sigma lies between {least:g} and {most:g} {unit}; leave the line out where it is not known"
+                raise table.error(key, f"found {sigma:g} {unit}", remedy)
 
 
 def scanner_document(scanner: Scanner) -> dict[str, Any]:
     """[scanner] as a dict for writing; `load_scanner` reads it back."""
-    sigma_rad = scanner.orientation_sigma_rad
-    declared: dict[str, Any] = {
-        "point_sigma_mm": scanner.point_sigma_mm,
-        "scan_sigma_mm": scanner.scan_sigma_mm,
-        "correlated_sigma_mm": scanner.correlated_sigma_mm,
-        "correlation_length_mm": scanner.correlation_length_mm,
-        "registration_sigma_mm": scanner.registration_sigma_mm,
-        "place_sigma_mm": scanner.place_sigma_mm,
-        "orientation_sigma_deg": None if sigma_rad is None else math.degrees(sigma_rad),
-        "field_mm": None if scanner.field_mm is None else list(scanner.field_mm),
-        "distance_mm": scanner.distance_mm,
-        "max_incidence_deg": scanner.max_incidence_deg,
-    }
-    if scanner.is_camera:
-        declared["kind"] = _KINDS[1]
-    if scanner.sigmas_estimated:
-        declared["sigmas"] = _SIGMAS[1]
-    return {key: value for key, value in declared.items() if value is not None} | dict(scanner.extra)
+    kind = {"kind": _KINDS[1]} if scanner.is_camera else {}
+    sigmas = {"sigmas": _SIGMAS[1]} if scanner.sigmas_estimated else {}
+    return document_of(scanner, but=("is_camera", "sigmas_estimated")) | kind | sigmas
 
 
 def load_signal_noise(table: TomlTable) -> SignalNoise:
     """The noise of signals in poses.csv that [signals] declares. Raises DatasetError."""
-    link_deg = _sigma(table, "link_sigma_deg", 1e-9, MOST_SIGMA_DEG, "deg")
-    return SignalNoise(
-        torque_sigma_nm=_sigma(table, "torque_sigma_nm", 1e-9, 1e5, "Nm"),
-        link_sigma_rad=None if link_deg is None else math.radians(link_deg),
-        extra=table.unread(),
-    )
-
-
-def signal_noise_document(noise: SignalNoise) -> dict[str, Any]:
-    """[signals] as a dict for writing; `load_signal_noise` reads it back."""
-    link_rad = noise.link_sigma_rad
-    declared = {
-        "torque_sigma_nm": noise.torque_sigma_nm,
-        "link_sigma_deg": None if link_rad is None else degrees(link_rad),
-    }
-    return {key: value for key, value in declared.items() if value is not None} | dict(noise.extra)
+    found = table.record(SignalNoise, positive=True)
+    _require_sigmas(table)
+    return SignalNoise(**found, extra=table.unread())
 
 
 def load_jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
@@ -154,23 +118,16 @@ def load_jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
         raise table.error(
             "face_angles_deg", f"found {list(angles)}", "no corner has such faces, a cube's has [90, 90, 90]"
         ) from None
-    jig = Jig(
-        shape=table.text("shape", default.shape, choices=(default.shape,)) or default.shape,
-        edge_mm=edge_mm,
-        convex=table.flag("convex", default.convex),
-        face_angles_deg=angles,
-        certified=table.flag("certified", default.certified),
-    )
-    return jig, table.unread()
+    shape = table.text("shape", default.shape, choices=(default.shape,)) or default.shape
+    flags = {key: table.flag(key, getattr(default, key)) for key in ("convex", "certified")}
+    return Jig(shape, edge_mm, face_angles_deg=angles, **flags), table.unread()
 
 
-def _edges(table: TomlTable) -> float | tuple[float, float, float] | None:
+def _edges(table: TomlTable) -> float | Vector | None:
     """Edge length of the jig in mm, one for all edges or three; None where none is declared."""
-    key, three = "edge_mm", None
-    if isinstance(table.data.get(key), list):
-        three = table.vector(key)
-    one = None if three else table.number(key, positive=True)
-    lengths: tuple[float, ...] = three or (() if one is None else (one,))
+    key = "edge_mm"
+    found = table.vector(key) if isinstance(table.data.get(key), list) else table.number(key, positive=True)
+    lengths = found if isinstance(found, tuple) else () if found is None else (found,)
     for length in lengths:
         if length <= 0:
             raise table.error(key, f"found {length:g}", "lengths above 0 are needed")
@@ -178,21 +135,10 @@ def _edges(table: TomlTable) -> float | tuple[float, float, float] | None:
             raise table.error(key, f"found {length:g} mm", f"an edge has {_LONGEST_EDGE_MM:g} mm at most")
         if length < 1.0:
             raise table.error(key, f"found {length:g} mm, which looks like metres", "multiply it by 1000")
-    if three and max(three) > _MOST_UNLIKE_EDGES * min(three):
+    if lengths and max(lengths) > _MOST_UNLIKE_EDGES * min(lengths):
         remedy = f"the longest may be {_MOST_UNLIKE_EDGES:g} times the shortest; give the part that is scanned"
-        raise table.error(key, f"found edges of {list(three)} mm", remedy)
-    return three or one
-
-
-def jig_document(jig: Jig) -> dict[str, Any]:
-    """[jig] as a dict for writing; `load_jig` reads it back."""
-    return {
-        "shape": jig.shape,
-        "edge_mm": list(jig.edge_mm) if isinstance(jig.edge_mm, tuple) else jig.edge_mm,
-        "convex": jig.convex,
-        "face_angles_deg": list(jig.face_angles_deg),
-        "certified": jig.certified,
-    }
+        raise table.error(key, f"found edges of {list(lengths)} mm", remedy)
+    return found
 
 
 def load_surroundings(table: TomlTable) -> Surroundings:
@@ -240,14 +186,6 @@ def _box(row: TomlTable, default_name: str) -> Box:
 
 def surroundings_document(surroundings: Surroundings) -> dict[str, Any]:
     """[cell] as a dict for writing, empty where nothing is declared; `load_surroundings` reads it back."""
-    document: dict[str, Any] = {}
-    if surroundings.floor_z_mm is not None:
-        document["floor_z_mm"] = surroundings.floor_z_mm
-    if surroundings.least_manipulability:
-        document["least_manipulability"] = surroundings.least_manipulability
-    document |= surroundings.extra
-    if surroundings.boxes:
-        document["boxes"] = [
-            {"name": box.name, "min_mm": list(box.min_mm), "max_mm": list(box.max_mm)} for box in surroundings.boxes
-        ]
-    return document
+    unused = ("boxes", *([] if surroundings.least_manipulability else ["least_manipulability"]))
+    boxes = {"boxes": [document_of(box) for box in surroundings.boxes]} if surroundings.boxes else {}
+    return document_of(surroundings, but=unused) | boxes

@@ -16,14 +16,12 @@ from calib.dataset.attachments import AttachedValue, Attachment
 from calib.dataset.dataset import About, Dataset, Points, Poses, usual_residual
 from calib.dataset.files.atomic_write import write_all_atomically
 from calib.dataset.files.cell_tables import (
-    jig_document,
     load_jig,
     load_mount,
     load_scanner,
     load_signal_noise,
     load_surroundings,
     scanner_document,
-    signal_noise_document,
     surroundings_document,
     unused_keys,
 )
@@ -44,7 +42,7 @@ from calib.kinematics.robot import Robot
 from calib.plugins import contributions, load
 from calib.scans.scan import scan_file
 from calib.text_files.csv_text import frame_csv
-from calib.text_files.toml_table import TomlTable
+from calib.text_files.toml_table import TomlTable, document_of
 
 FORMAT = 1
 ABOUT = ("serial", "operator", "site", "date")
@@ -361,7 +359,7 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     mount = {"mount": "flange"} if dataset.robot.carries_scanner else {}
     document["scanner"] = mount | scanner_document(dataset.scanner)
     document |= {name: value.document() for name, value in dataset.attachments.items()}
-    if signals := signal_noise_document(dataset.signal_noise):
+    if signals := document_of(dataset.signal_noise):
         document["signals"] = signals
     if cell := surroundings_document(dataset.surroundings):
         document["cell"] = cell
@@ -369,7 +367,7 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     if about:
         document["about"] = about
     if dataset.jig_is_declared:
-        document["jig"] = jig_document(dataset.jig) | dict(jig_extra)
+        document["jig"] = document_of(dataset.jig) | dict(jig_extra)
     lengths = None if dataset.points is None else dataset.points.lengths
     if lengths is not None and lengths.known_places:
         document["anchors"] = [{"name": k, "xyz_mm": list(place)} for k, place in lengths.known_places.items()]

@@ -13,14 +13,14 @@ x, y and z there may be `length_mm`, from an `anchor` whose place is not known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.array_types import Array
+from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Orientations, Points, Poses
 from calib.dataset.files.csv_table import TableFile, short
 from calib.dataset.files.declared_units import (
@@ -112,14 +112,8 @@ def _points_of(file: TableFile, robot: Robot, poses: Poses, units: DeclaredUnits
     file = _seen(file, xyz_columns)
     if len(file) == 0:
         raise DatasetError(f"{path}: no row with a point; one row a measured point is needed")
-    ids = file.text("pose")
-    index = {pose_id: i for i, pose_id in enumerate(poses.ids)}
-    for row, pose_id in enumerate(ids):
-        if pose_id not in index:
-            raise file.error(row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose")
+    pose, target = _measured_of(file, robot, poses)
     xyz_mm = file.numbers(list(xyz_columns)) * _IN_MM[unit]
-    target = np.array(file.text("target") if "target" in file else ["jig"] * len(file))
-    require_targets(file, target.tolist(), robot)
     _check_size(file, xyz_mm, xyz_columns)
     covariance = None
     covariance_columns = _in_length(COVARIANCE_COLUMNS, unit)
@@ -129,7 +123,6 @@ def _points_of(file: TableFile, robot: Robot, poses: Poses, units: DeclaredUnits
     orientations = None
     if _any(file, (*QUATERNION_COLUMNS, *TURN_COLUMNS, *_in_length(CROSS_COLUMNS, unit))):
         orientations = _load_orientations(file, target, covariance, unit, units.quaternion)
-    pose = np.array([index[pose_id] for pose_id in ids], dtype=np.int64)
     counts_as = None
     if COUNTS_AS in file:
         counts_as = file.numbers([COUNTS_AS])[:, 0]
@@ -150,23 +143,27 @@ def _lengths_of(file: TableFile, robot: Robot, poses: Poses) -> Points:
     file = file.select([row for row, cell in enumerate(file.text(LENGTH_COLUMN, allow_empty=True)) if cell])
     if len(file) == 0:
         raise DatasetError(f"{file.path}: no row with a length; one row a measured length is needed")
-    index = {pose_id: i for i, pose_id in enumerate(poses.ids)}
-    for row, pose_id in enumerate(file.text("pose")):
-        if pose_id not in index:
-            raise file.error(row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose")
+    pose, target = _measured_of(file, robot, poses)
     length_mm = file.numbers([LENGTH_COLUMN])[:, 0]
-    wrong = np.flatnonzero((length_mm <= 0.0) | (length_mm > FARTHEST_MM))
-    if len(wrong):
-        row = int(wrong[0])
-        raise file.error(row, LENGTH_COLUMN, f"found {length_mm[row]:g}", "a length above 0, in mm, is needed")
-    target = np.array(file.text("target") if "target" in file else ["jig"] * len(file))
-    require_targets(file, target.tolist(), robot)
+    for row in np.flatnonzero((length_mm <= 0.0) | (length_mm > FARTHEST_MM))[:1]:
+        raise file.error(int(row), LENGTH_COLUMN, f"found {length_mm[row]:g}", "a length above 0, in mm, is needed")
     anchor = np.array(file.text("anchor", allow_empty=True) if "anchor" in file else [""] * len(file))
-    pose = np.array([index[pose_id] for pose_id in file.text("pose")], dtype=np.int64)
     try:
         return length_points(robot, poses, pose, target, length_mm, anchor)
     except DatasetError as error:
         raise DatasetError(f"{file.path}: {error}") from None
+
+
+def _measured_of(file: TableFile, robot: Robot, poses: Poses) -> tuple[IndexArray, NDArray[np.str_]]:
+    """Index of each row's pose, and its target. Raises DatasetError where there is no such pose or target."""
+    index = {pose_id: i for i, pose_id in enumerate(poses.ids)}
+    ids = file.text("pose")
+    for row, pose_id in enumerate(ids):
+        if pose_id not in index:
+            raise file.error(row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose")
+    target = file.text("target") if "target" in file else ["jig"] * len(file)
+    require_targets(file, target, robot)
+    return np.array([index[pose_id] for pose_id in ids], dtype=np.int64), np.array(target)
 
 
 def _in_length(columns: Sequence[str], unit: str) -> tuple[str, ...]:
@@ -282,11 +279,12 @@ def _load_orientations(
         raise file.error(
             int(row), "qw", f"an orientation of the target {target[row]!r}", "only the jig has one; empty it"
         )
-    filled = dict(file.cells)  # the unknown ones: anything that passes the checks, NaN in the end
-    for column in cells:
-        anything = "1" if column in (order[0], "rxx_rad2", "ryy_rad2", "rzz_rad2") else "0"
-        filled[column] = [cell if is_known else anything for cell, is_known in zip(filled[column], known, strict=True)]
-    file = TableFile(file.path, filled)
+    any_value = dict.fromkeys((order[0], "rxx_rad2", "ryy_rad2", "rzz_rad2"), "1")  # that passes; NaN in the end
+    filled = {
+        column: [cell if there else any_value.get(column, "0") for cell, there in zip(texts, known, strict=True)]
+        for column, texts in cells.items()
+    }
+    file = replace(file, cells=file.cells | filled)
     quaternion = file.numbers(list(order))
     length = np.linalg.norm(quaternion, axis=1)
     for row in np.flatnonzero(np.abs(length - 1.0) > 1e-3):
@@ -342,11 +340,11 @@ def _by_order(file: TableFile) -> dict[str, Array]:
     values = np.array([[as_number(cell) for cell in file.cells[name]] for name in columns], dtype=float).T
     known = np.isfinite(values).all(axis=1)
     filled = np.where(known[:, None], values, 1.0)
-    out = {}
-    for order in QUATERNION_ORDERS:
-        turn = rotation_from_quaternion(filled[:, [order.index(part) for part in "wxyz"]])
-        out[order] = np.where(known[:, None, None], turn, np.nan)
-    return out
+    turns = {
+        order: rotation_from_quaternion(filled[:, [order.index(part) for part in "wxyz"]])
+        for order in QUATERNION_ORDERS
+    }
+    return {order: np.where(known[:, None, None], turn, np.nan) for order, turn in turns.items()}
 
 
 def points_frame(poses: Poses, points: Points) -> pd.DataFrame:

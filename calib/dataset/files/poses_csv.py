@@ -12,12 +12,12 @@ from calib.array_types import Array
 from calib.dataset.dataset import ROLES, Poses
 from calib.dataset.files.csv_table import TableFile, short
 from calib.dataset.files.declared_units import NOT_DECLARED, DeclaredUnits, internal, unit_of
-from calib.dataset.files.robot_toml import degrees
 from calib.dataset.input_names import CONDITIONS
 from calib.dataset.signals import is_signal, limit_of
 from calib.errors import DatasetError, is_one_line
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
+from calib.text_files.toml_table import degrees
 
 _JOINT_LIMITS = {"deg": (-1e5, 1e5), "mm": (-1e6, 1e6), "rad": (-1e4, 1e4), "m": (-1e3, 1e3)}
 _LOOKS_LIKE_DEGREES = 20.0  # rad: no joint turns farther

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import fields, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,9 @@ import tomli_w
 
 from calib.array_types import Vector
 from calib.errors import DatasetError
-from calib.kinematics.robot import TARGET_TOLERANCE_MM, TOOL_POINT, FixedFrame, Joint, Robot, Target, Tool
+from calib.kinematics.robot import TARGET_TOLERANCE_MM, TOOL_POINT, FixedFrame, Joint, Link, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
-from calib.text_files.toml_table import TomlTable
+from calib.text_files.toml_table import TomlTable, degrees, document_of
 
 _MOST_CONDITION = 1e6  # of the coupling; beyond it commands do not follow from joints
 _ROW_KEYS = ("a_mm", "alpha_deg", "d_mm", "theta_deg", "beta_deg")
@@ -117,14 +117,11 @@ def _refuse_metres(robot: Robot, path: Path) -> None:
         )
 
 
-def _link(table: TomlTable) -> dict[str, Any]:
-    return {
-        "a_mm": table.required_number("a_mm"),
-        "alpha_rad": math.radians(table.required_number("alpha_deg")),
-        "d_mm": table.required_number("d_mm"),
-        "theta_rad": math.radians(table.required_number("theta_deg")),
-        "beta_rad": math.radians(table.number("beta_deg", 0.0) or 0.0),
-    }
+def _row(table: TomlTable) -> dict[str, float]:
+    """Parameters of a row, which it has to have but for beta."""
+    for key in _ROW_KEYS[:-1]:
+        table.required_number(key)
+    return table.record(Link)
 
 
 def _joint(table: TomlTable, number: int) -> Joint:
@@ -133,22 +130,14 @@ def _joint(table: TomlTable, number: int) -> Joint:
     low, high = table.number(f"min_{unit}"), table.number(f"max_{unit}")
     if low is not None and high is not None and low >= high:
         raise table.error(f"max_{unit}", f"found {high:g}, not above min_{unit} = {low:g}", "swap or mend the limits")
-    mass_kg = table.number("mass_kg")
-    if mass_kg is not None and mass_kg < 0:
-        raise table.error("mass_kg", f"found {mass_kg:g}", "a mass is 0 or more")
-    return Joint(
-        **_link(table),
-        name=table.text("name") or f"J{number}",
-        type=type_,
-        min=None if low is None else low * scale,
-        max=None if high is None else high * scale,
-        mass_kg=mass_kg,
-        com_mm=table.vector("com_mm"),
-        gear_ratio=table.number("gear_ratio", positive=True),
-        zero=(table.number(f"zero_{unit}") or 0.0) * scale,
-        mesh=table.text("mesh"),
-        extra=table.unread(),
-    )
+    found = table.record(Joint, but=("type",)) | _row(table)
+    if (found.get("mass_kg") or 0.0) < 0.0:
+        raise table.error("mass_kg", f"found {found['mass_kg']:g}", "a mass is 0 or more")
+    table.number("gear_ratio", positive=True)
+    limits = {key: None if value is None else value * scale for key, value in (("min", low), ("max", high))}
+    zero = (table.number(f"zero_{unit}") or 0.0) * scale
+    found |= {"name": found.get("name") or f"J{number}", "type": type_, "zero": zero, **limits}
+    return Joint(**found, extra=table.unread())
 
 
 def _tool(table: TomlTable) -> Tool:
@@ -158,13 +147,8 @@ def _tool(table: TomlTable) -> Tool:
             "or xyz_mm = [x, y, z] in the last joint's frame"
         )
     xyz_mm = table.vector("xyz_mm")
-    return Tool(
-        **(_link(table) if xyz_mm is None else _link_to(table, xyz_mm)),
-        mass_kg=table.number("mass_kg"),
-        com_mm=table.vector("com_mm"),
-        payload_com_mm=table.vector("payload_com_mm"),
-        extra=table.unread(),
-    )
+    row = _row(table) if xyz_mm is None else _link_to(table, xyz_mm)
+    return Tool(**(table.record(Tool) | row), extra=table.unread())
 
 
 def _link_to(table: TomlTable, xyz_mm: Vector) -> dict[str, Any]:
@@ -185,115 +169,62 @@ def _link_to(table: TomlTable, xyz_mm: Vector) -> dict[str, Any]:
     }
 
 
-def degrees(angle_rad: float) -> float:
-    """An angle converted to degrees, rounded to 15 digits, so that 90.012 is written as 90.012."""
-    return float(f"{math.degrees(angle_rad):.15g}")
-
-
 def robot_to_toml(robot: Robot) -> str:
     """The robot as the text of a robot.toml; `load_robot_toml` gives the same robot back."""
+    return tomli_w.dumps(_document(robot))
+
+
+def _document(robot: Robot) -> dict[str, Any]:
     document: dict[str, Any] = {"name": robot.name, "gravity_m_s2": list(robot.gravity_m_s2), **robot.extra}
     if robot.is_cartesian:
         document["cartesian"] = True
     if robot.coupling:
         coupling = _scaled_coupling(robot.coupling, robot.joints, math.radians(1.0))
         document["coupling"] = [list(row) for row in coupling]
-    for name, frame in (("base", robot.base), ("flange", robot.flange)):
-        if frame != FixedFrame():
-            rpy_deg = [degrees(angle_rad) for angle_rad in frame.rpy_rad]
-            document[name] = {"xyz_mm": list(frame.xyz_mm), "rpy_deg": rpy_deg}
-    document["joints"] = [_joint_document(joint) for joint in robot.joints]
-    tool = robot.tool
-    document["tool"] = _present(
-        {**_link_document(tool), "mass_kg": tool.mass_kg, "com_mm": tool.com_mm, "payload_com_mm": tool.payload_com_mm}
-    ) | dict(tool.extra)
+    frames = {"base": robot.base, "flange": robot.flange}
+    document |= {name: document_of(frame) for name, frame in frames.items() if frame != FixedFrame()}
+    document["joints"] = list(map(_joint_document, robot.joints))
+    document["tool"] = document_of(robot.tool)
     on_arm = [target for target in robot.targets if not target.in_world]
     if on_arm:
-        document["targets"] = [_target_document(target) for target in on_arm]
-    return tomli_w.dumps(document)
-
-
-def _target_document(target: Target) -> dict[str, Any]:
-    usual = target.tolerance_mm == TARGET_TOLERANCE_MM
-    tolerance = {} if usual else {"tolerance_mm": target.tolerance_mm}
-    joint = {} if target.joint is None else {"joint": target.joint}
-    return {"name": target.name, "xyz_mm": list(target.xyz_mm), **tolerance, **joint}
-
-
-def _link_document(link: Joint | Tool) -> dict[str, Any]:
-    return {
-        "a_mm": link.a_mm,
-        "alpha_deg": degrees(link.alpha_rad),
-        "d_mm": link.d_mm,
-        "theta_deg": degrees(link.theta_rad),
-        "beta_deg": degrees(link.beta_rad),
-    }
+        document["targets"] = [
+            document_of(t, but=("in_world", *(["tolerance_mm"] if t.tolerance_mm == TARGET_TOLERANCE_MM else [])))
+            for t in on_arm
+        ]
+    return document
 
 
 def _joint_document(joint: Joint) -> dict[str, Any]:
     unit = "deg" if joint.is_revolute else "mm"
-
-    def limit(value: float | None) -> float | None:
-        return degrees(value) if value is not None and joint.is_revolute else value
-
-    document = {
-        "name": joint.name,
-        "type": joint.type,
-        **_link_document(joint),
-        f"min_{unit}": limit(joint.min),
-        f"max_{unit}": limit(joint.max),
-        "mass_kg": joint.mass_kg,
-        "com_mm": joint.com_mm,
-        "gear_ratio": joint.gear_ratio,
-        f"zero_{unit}": limit(joint.zero or None),
-        "mesh": joint.mesh,
+    values = {"min": joint.min, "max": joint.max, "zero": joint.zero or None}
+    limits = {
+        f"{key}_{unit}": degrees(value) if joint.is_revolute else value
+        for key, value in values.items()
+        if value is not None
     }
-    return _present(document) | dict(joint.extra)
+    first = {"name": joint.name, "type": joint.type}
+    return first | document_of(replace(joint, extra={}), but=values) | limits | dict(joint.extra)
 
 
-def _present(document: dict[str, Any]) -> dict[str, Any]:
-    """A document without its None values, tuples as lists, as TOML can be written."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in document.items() if v is not None}
-
-
-_LARGEST = {"mm": 1e6, "deg": 1e5, "kg": 1e5, "m_s2": 100.0, "ratio": 1e6}  # by the end of a key
+_LARGEST = {"mm": 1e6, "deg": 1e5, "kg": 1e5, "s2": 100.0, "ratio": 1e6}  # by the end of a key
 _REMEDY = "correct it; the unit stands in the key's name"
 
 
 def refuse_beyond(robot: Robot, path: Path) -> None:
     """Raise DatasetError where a length, an angle, a mass, a gear ratio or gravity is beyond its bound."""
-    for place, key, value in _sizes(robot):
-        most = _LARGEST[key.rpartition("_")[2] if not key.endswith("m_s2") else "m_s2"]
-        largest = float(np.max(np.abs(value)))
-        if not largest <= most:  # nor NaN
-            found = f"{value:g}" if isinstance(value, float) else str(list(value))
+    links = [replace(joint, extra={}) for joint in robot.joints]
+    document = _document(replace(robot, joints=tuple(links), tool=replace(robot.tool, extra={}), extra={}))
+    for name, content in document.items():
+        tables = {"": document} if name == "gravity_m_s2" else {f"[{name}].": content}
+        if isinstance(content, list) and name in ("joints", "targets"):
+            tables = {f"[[{name}]] {number}.": table for number, table in enumerate(content, 1)}
+        for place, table in tables.items():
+            _refuse_large(path, place, table if isinstance(table, dict) else {})
+
+
+def _refuse_large(path: Path, place: str, table: Mapping[str, Any]) -> None:
+    for key, value in table.items():
+        most = _LARGEST.get(key.rpartition("_")[2], math.inf)
+        if most < math.inf and not float(np.max(np.abs(value))) <= most:  # nor NaN
+            found = f"{value:g}" if isinstance(value, float) else str(value)
             raise DatasetError(f"{path}: {place}{key}: found {found}, beyond {most:g}; {_REMEDY}")
-
-
-def _sizes(robot: Robot) -> Iterator[tuple[str, str, float | Vector]]:
-    """Table, key and value of every physical quantity in robot.toml, in the file's units."""
-    yield "", "gravity_m_s2", robot.gravity_m_s2
-    for name, frame in (("base", robot.base), ("flange", robot.flange)):
-        yield f"[{name}].", "xyz_mm", frame.xyz_mm
-        roll, pitch, yaw = map(math.degrees, frame.rpy_rad)
-        yield f"[{name}].", "rpy_deg", (roll, pitch, yaw)
-    for number, joint in enumerate(robot.joints, 1):
-        yield from _link_sizes(f"[[joints]] {number}.", joint)
-    yield from _link_sizes("[tool].", robot.tool)
-    for number, target in enumerate(robot.targets, 1):
-        yield f"[[targets]] {number}.", "xyz_mm", target.xyz_mm
-        yield f"[[targets]] {number}.", "tolerance_mm", target.tolerance_mm
-
-
-def _link_sizes(place: str, link: Joint | Tool) -> Iterator[tuple[str, str, float | Vector]]:
-    for name in (f.name for f in fields(link)):
-        value = getattr(link, name)
-        if value is None:
-            continue
-        if name.endswith("_rad"):
-            yield place, f"{name.removesuffix('_rad')}_deg", math.degrees(value)
-        elif name in ("min", "max", "zero"):
-            turns = isinstance(link, Joint) and link.is_revolute
-            yield place, f"{name}_{'deg' if turns else 'mm'}", math.degrees(value) if turns else value
-        elif name.endswith(("_mm", "_kg", "_ratio")):
-            yield place, name, value

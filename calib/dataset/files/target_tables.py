@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from calib.dataset.files.cell_tables import jig_document, load_jig
+from calib.dataset.files.cell_tables import load_jig
 from calib.errors import is_one_line
-from calib.jig import Jig
 from calib.kinematics.robot import Robot
 from calib.target_shapes import SPHERE_MM, DeclaredTarget, OwnShape, Shape, Socket, Sphere, Spheres
-from calib.text_files.toml_table import TomlTable
+from calib.text_files.toml_table import TomlTable, document_of, is_finite
 
 _MOST_TARGETS = 50
 _FARTHEST_MM = 1e4
@@ -111,13 +109,9 @@ def _own(table: TomlTable) -> Shape:
 
 def _numbers(table: TomlTable, key: str) -> tuple[float, ...]:
     value = table.data.get(key)
-    if not isinstance(value, list) or not value or not all(_is_number(v) for v in value):
+    if not isinstance(value, list) or not value or not all(map(is_finite, value)):
         raise table.error(key, f"found {value!r}", "finite numbers in [ ] are needed")
     return tuple(map(float, value))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 _READERS: dict[str, Callable[[TomlTable], Shape]] = {
@@ -132,18 +126,9 @@ _READERS: dict[str, Callable[[TomlTable], Shape]] = {
 def target_document(target: DeclaredTarget) -> dict[str, Any]:
     """One of [[targets]] as a dict for writing; `load_targets` reads it back."""
     shape = target.shape
-    if isinstance(shape, Jig):
-        return {"name": target.name, **jig_document(shape)}
     if isinstance(shape, OwnShape):
         return {"name": target.name, "shape": "own", **shape.sizes}
     if isinstance(shape, Spheres):
-        sizes: dict[str, Any] = {"spheres": list(shape.names), "distances_mm": list(shape.distances_mm)}
-        sizes |= {} if shape.diameter_mm is None else {"diameter_mm": shape.diameter_mm}
-        return {"name": target.name, "shape": "spheres", **sizes}
-    kind = "sphere" if isinstance(shape, Sphere) else "socket"
-    document: dict[str, Any] = {"name": target.name, "shape": kind}
-    if shape.diameter_mm is not None:
-        document["diameter_mm"] = shape.diameter_mm
-    if isinstance(shape, Socket):
-        document["probe_sigma_mm"] = shape.probe_sigma_mm
-    return document
+        sizes = document_of(shape, but=("names",))
+        return {"name": target.name, "shape": "spheres", "spheres": list(shape.names), **sizes}
+    return {"name": target.name, "shape": type(shape).__name__.lower(), **document_of(shape)}

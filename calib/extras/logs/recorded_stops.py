@@ -15,7 +15,7 @@ from calib.consistency.agreement import misfit_mm, sample_of
 from calib.dataset_import.columns import AS_MAPPED, Column, Meaning
 from calib.dataset_import.markers import spread_of
 from calib.dataset_import.plan import ImportSources
-from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
+from calib.dataset_import.units import joint_units, length_unit
 from calib.errors import DatasetError, visible
 from calib.extras.logs.bags import is_bag, read_bag
 from calib.extras.logs.chosen_series import arm_joints, measured_points, shown
@@ -29,7 +29,7 @@ from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
 from calib.statistics import mad_sigmas, rms
-from calib.text_files.column_names import split_unit
+from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM, split_unit
 from calib.text_files.records import table_file
 from calib.text_files.user_table import UserTable
 

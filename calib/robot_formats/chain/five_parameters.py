@@ -117,6 +117,11 @@ def row_transform(row: Row) -> Array:
     return make_transform(turn @ tilt, turn @ [a, 0.0, d])
 
 
+def modified_transform(a: float, alpha: float, d: float, theta: float) -> Array:
+    """Transform (4, 4) of a modified Denavit-Hartenberg row: Rx(alpha) Trans(a, 0, 0) Rz(theta) Trans(0, 0, d)."""
+    return np.asarray(row_transform((a, alpha, 0.0, 0.0, 0.0)) @ row_transform((0.0, 0.0, d, theta, 0.0)))
+
+
 def _first_frame(axis: Array) -> Array:
     """Start frame (4, 4) of the first row: the base frame where the first axis is its z axis, else the axis' frame."""
     off_mm, lean = np.hypot(*axis[:2, 3]), np.hypot(*axis[:2, 2])
