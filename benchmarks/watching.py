@@ -14,7 +14,7 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -27,7 +27,7 @@ from simulated import unit, ur10e
 from calib import calibrate, diagnose, frames
 from calib.array_types import Array
 from calib.calibration.result import Calibration
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import About, Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue.order_steps import Step
@@ -322,6 +322,11 @@ DRIFTS = {  # a day, of joints whose zero the eight poses show
 DAYS = 18
 
 
+def on_day(dataset: Dataset, day: int) -> Dataset:
+    """The dataset as measured on a day of March."""
+    return replace(dataset, about=About(date=f"2026-03-{day + 1:02d}"))
+
+
 def over_days(name: str, arms: int) -> None:
     """Print how often a series of daily checks alarms and names what changes."""
     for what, course in DRIFTS.items():
@@ -329,9 +334,11 @@ def over_days(name: str, arms: int) -> None:
         for seed in range(arms):
             rng = np.random.default_rng([seed, len(name)])
             cell = Cell.drawn(rng, ROBOTS[name]())
-            base = calibrate(cell.measured(rng, 64, "before"))
+            base = calibrate(on_day(cell.measured(rng, 64, "before"), 0))
             q = random_checks(cell, base, rng)
-            checks = [course(cell, day).measured(rng, name=f"day {day}", q=q) for day in range(1, DAYS + 1)]
+            checks = [
+                on_day(course(cell, day).measured(rng, name=f"day {day}", q=q), day) for day in range(1, DAYS + 1)
+            ]
             found = watch_series(base, checks)
             alarms += not found.is_steady
             joint = int(what.split()[1]) if what.startswith("joint") else None

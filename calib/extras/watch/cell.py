@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,12 +14,11 @@ from calib.dataset.dataset import Dataset
 from calib.extras.watch.change_models import (
     BASE,
     JIG,
-    JOINT_ZERO,
     LARGEST_BY_UNIT,
     NOISE,
     SCANNER,
-    TOOL,
     ChangeModel,
+    over_time,
 )
 from calib.extras.watch.change_tests import (
     ALARM,
@@ -39,29 +40,36 @@ _HIDDEN = 10.0  # times the RMSE, by which a change has to move the points to be
 
 @dataclass(frozen=True)
 class CellTests:
-    """Tests for changes of a cell, with the scanner at its earlier place (`fixed`) or fitted anew (`free`)."""
+    """Tests for changes of a cell by checks, with the scanner at its earlier place (`fixed`) or fitted anew (`free`).
 
-    check: CheckPoints
+    What changed by a single check is told here, by several over time in `calib.extras.watch.series`.
+    """
+
+    checks: tuple[CheckPoints, ...]
     expected: Expectation
-    before_T_base: Array  # (4, 4) earlier scanner frame; where that is unknown, or it was set up anew, the fitted one
-    scanner: ChangeModel
+    models: tuple[ChangeModel, ...]  # of the arm
+    scanner: tuple[ChangeModel, ...]  # of its motion; () where the earlier fit does not know its place
     fixed: ChangeTests
     free: ChangeTests
-    carries_scanner: bool
 
     @classmethod
-    def of(cls, base: Calibration, new: Dataset, *, scanner_moved: bool) -> CellTests:
-        """Tests of new points against an earlier calibration. Raises FitError for too few poses."""
-        check = CheckPoints.of(base, new)
-        expected = Expectation.of(base, [check], scanner_moved=scanner_moved)
-        before = check.anew_T_base if expected.before_T_base is None else expected.before_T_base
-        scanner = check.scanner_motion(before, expected.prior.centre_mm)
-        return cls(check, expected, before, scanner, *expected.tests([check]), new.robot.carries_scanner)
+    def of(
+        cls, base: Calibration, new: Sequence[Dataset], *, scanner_moved: bool, times: Array | None = None
+    ) -> CellTests:
+        """Tests of new points against an earlier calibration, at times (S,) where several checks are tested together.
 
-    @property
-    def models(self) -> tuple[ChangeModel, ...]:
-        """Change models of the arm."""
-        return self.check.models
+        Raises FitError for too few poses.
+        """
+        checks = tuple(CheckPoints.of(base, each) for each in new)
+        expected = Expectation.of(base, checks, scanner_moved=scanner_moved)
+        before, centre_mm = expected.before_T_base, expected.prior.centre_mm
+        of_each = (
+            [check.models for check in checks],
+            [() if before is None else (check.scanner_motion(before, centre_mm),) for check in checks],
+        )
+        row = np.repeat(np.arange(len(checks)), [len(check.at_mm) for check in checks])
+        models, scanner = (tuple(each[0] if times is None else over_time(each, times, row)) for each in of_each)
+        return cls(checks, expected, models, scanner, *expected.tests(checks))
 
     @property
     def scanner_known(self) -> bool:
@@ -71,19 +79,19 @@ class CellTests:
     @property
     def rmse_mm(self) -> float:
         """RMS of the 3D errors with the scanner where it was or, if it was set up anew, fitted to the points."""
-        return rms_length(self.check.errors_mm(self.before_T_base))
+        (check,), before = self.checks, self.expected.before_T_base
+        return rms_length(check.errors_mm(check.anew_T_base if before is None else before))
 
     @property
-    def limits_mm(self) -> tuple[float, float]:
-        """Value of `rmse_mm` that is expected where nothing changed, and the limit of 99.73 % of unchanged cells."""
-        return (self.fixed if self.scanner_known else self.free).spread.limits_mm(self.check.colour)
+    def limit_mm(self) -> float:
+        """Limit of `rmse_mm` in 99.73 % of unchanged cells."""
+        return (self.fixed if self.scanner_known else self.free).spread.limit_mm(self.checks[0].colour)
 
-    @property
+    @cached_property
     def p_unchanged(self) -> float:
         """Family-wise p-value of the most significant change, under the hypothesis that nothing changed."""
-        if self.scanner_known:
-            return self.fixed.family_wise_p_value(self.fixed.tests((*self.models, self.scanner)))
-        return self.free.family_wise_p_value(self.free.tests(self.models))
+        tests = self.fixed if self.scanner_known else self.free
+        return tests.family_wise_p_value(tests.tests((*self.models, *self.scanner)))
 
     def changes(self, *, alarmed: bool) -> tuple[Change, ...]:
         """Significant changes of a cell: first of the arm, then the scanner's motion, then the noise.
@@ -131,15 +139,16 @@ class CellTests:
 
     def _scanner_moved(self, arm: list[ChangeModel]) -> Change | None:
         """Motion of the scanner, given changes of the arm; None where it is insignificant."""
-        test = self.fixed.test(self.scanner, arm) if self.scanner_known else None
+        test = next(iter(self.fixed.tests(self.scanner, arm)), None)
         if test is None or test.p_value > (NAMED_GIVEN_OTHERS if arm else ALARM):
             return None
-        if self.fixed.noise_explains(arm, self.scanner):
+        if self.fixed.noise_explains(arm, test.model):
             return None
-        change = self.fixed.estimate(self.scanner, [*arm, self.scanner])
-        size = self.scanner.moves_mm(np.array(change.vector))
+        change = self.fixed.estimate(test.model, [*arm, test.model])
+        size = test.model.moves_mm(np.array(change.vector))
         others = () if arm else confounded_with([*self.fixed.tests(self.models), test], test)
-        of_base = () if self.carries_scanner else (BASE,)  # for a scanner that stands in the world
+        is_carried = any(model.what == JIG for model in self.models)
+        of_base = () if is_carried else (BASE,)  # for a scanner that stands in the world
         sigma = size / max(float(np.sqrt(test.gain)), 1e-9)
         return replace(change, size=size, sigma=sigma, p_value=test.p_value, as_well=(*of_base, *others))
 
@@ -153,12 +162,11 @@ class CellTests:
 
     def _explains_alone(self, model: ChangeModel) -> bool:
         """Whether a change of the arm leaves no significant motion of the scanner."""
-        test = self.fixed.test(self.scanner, [model])
-        return self.scanner_known and (test is None or test.p_value > ALONE)
+        return self.scanner_known and all(t.p_value > ALONE for t in self.fixed.tests(self.scanner, [model]))
 
     def _with_scanner_fixed(self) -> list[Change]:
         """Most likely change where arm and scanner cannot be separated; [] where noise explains it."""
-        models = [*self.models, self.scanner]
+        models = [*self.models, *self.scanner]
         while True:
             tests = self.fixed.tests(models)
             best = most_likely(tests)
@@ -173,17 +181,3 @@ class CellTests:
             models.remove(best.model)
         others = dict.fromkeys((*confounded_with(tests, best), SCANNER))
         return [replace(change, p_value=self.fixed.family_wise_p_value(tests), as_well=tuple(others))]
-
-    def usual_sizes(self, changes: tuple[Change, ...]) -> tuple[Change, ...]:
-        """Change of each joint's zero and of the tool or jig, given the changes found; infinite sigma where unseen."""
-        named = {(c.what, c.joint, c.parameter) for c in changes if SCANNER not in c.as_well}
-        arm = [model for model in self.models if model.key in named]
-        moved = any(c.what == SCANNER for c in changes)
-        tests, sizes = self.free if moved or not self.scanner_known else self.fixed, []
-        for model in (model for model in self.models if model.what in (JOINT_ZERO, TOOL, JIG)):
-            others = [other for other in arm if other.key != model.key]
-            if tests.test(model, others) is None:
-                sizes.append(Change(*model.key, np.nan, np.inf, model.unit, 1.0, ()))
-            else:
-                sizes.append(tests.estimate(model, [*others, model]))
-        return tuple(sizes)

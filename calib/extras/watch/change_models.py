@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, IndexArray
 from calib.effects.gravity import has_masses
 from calib.effects.link_errors import LinkErrors
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations
-from calib.kinematics.robot import Robot
 from calib.statistics import rms_length
 
 JOINT_ZERO, TOOL, SCANNER, BASE = "joint_zero", "tool", "scanner", "base"
 JIG = "jig"  # fixed in the world where the arm carries the scanner; takes the tool's place
 LENGTH, ANGLE, COMPLIANCE, NOISE = "length", "angle", "compliance", "noise"
 WARMTH, BACKLASH = "warmth", "backlash"
+DRIFT, STEP = "drift", "step"
+USUAL = (SCANNER, JOINT_ZERO, TOOL, JIG)
 
 LARGEST_BY_UNIT = {"mm": 50.0, "rad": np.radians(10.0), "rad/Nm": 1e-3, "mm/N": 1.0, "ppm": 5000.0}
 """Size of a change, by its unit, from which the points have to move as it says: no part changes so much unseen."""
@@ -33,6 +34,9 @@ class ChangeModel:
     parameter: str  # of the robot's table; "" for other changes
     unit: str
     columns: Array  # (M, 3, K) motion of each measured point by one unit, mm in the base frame
+    course: str = ""  # over a series of checks: DRIFT, STEP
+    onset: int = 0  # index of the first check with a step
+    places: int = 1  # number of onsets that are tried for this course
 
     @property
     def count(self) -> int:
@@ -49,7 +53,7 @@ class ChangeModel:
         return self.what, self.joint, self.parameter
 
 
-def change_models_of_arm(model: Model, x: Array, observed: Observations) -> tuple[ChangeModel, ...]:
+def change_models_of_arm(model: Model, x: Array, observed: Observations) -> Iterator[ChangeModel]:
     """Models of changes of an arm: each joint's zero, lengths, link angles, compliance, backlash, warmth, and the tool.
 
     The tool is one change of three lengths, and so is the jig in the world where the arm carries the scanner. Warmth is
@@ -61,31 +65,17 @@ def change_models_of_arm(model: Model, x: Array, observed: Observations) -> tupl
         x: (P,) its parameters.
         observed: points at which the motion is computed.
     """
-    table = Model(model.calibrated_robot(x), (LinkErrors(model.robot),))
+    robot = model.robot
+    table = Model(model.calibrated_robot(x), (LinkErrors(robot),))
     poses, row = observed.used_poses
     zeros = np.zeros(len(table.parameters))
     by_table = np.empty((len(row), 3, len(zeros)))
     for target, of_target in observed.targets.items():
         by_table[of_target] = table.linearise(zeros, poses, target)[1][row[of_target]]
     state = table.state(zeros, poses)
-    torques_nm = state.gravity_torques_nm[row] if has_masses(model.robot) else np.zeros((len(row), 0))
-    columns = {p.name: by_table[..., k] for k, p in enumerate(table.parameters)}
+    torques_nm = state.gravity_torques_nm[row] if has_masses(robot) else np.zeros((len(row), 0))
+    columns = {p.name: by_table[..., k] for k, p in enumerate(table.parameters)}  # (M, 3) by one unit of each
     approach = np.zeros((len(row), 0)) if poses.approach is None else poses.approach[row]
-    return tuple(_change_models(model.robot, columns, torques_nm, approach, state.attitude[row]))
-
-
-def _change_models(
-    robot: Robot, columns: dict[str, Array], torques_nm: Array, approach: Array, base_R_tool: Array
-) -> Iterator[ChangeModel]:
-    """Models of changes of the arm, from the motion of the points by each parameter of its table.
-
-    Args:
-        robot: nominal robot.
-        columns: (M, 3) motion of each point by one unit of a parameter of the table, mm in the base frame.
-        torques_nm: (M, n) joint torques by gravity, (M, 0) where the masses are unknown.
-        approach: (M, n) side from which each joint was approached, -1 or 1; (M, 0) where it was not recorded.
-        base_R_tool: (M, 3, 3) orientation of the tool.
-    """
     units = dict(zip(robot.parameter_names, robot.parameter_units, strict=True))
     for joint, is_revolute in enumerate(robot.is_revolute, 1):
         zero = f"theta{joint}" if is_revolute else f"d{joint}"
@@ -106,7 +96,27 @@ def _change_models(
     grown = [1e-6 * values[name] * columns[name] for name in columns if units[name] == "mm" and values[name]]
     if grown:
         yield ChangeModel(WARMTH, None, "", "ppm", np.sum(grown, axis=0)[..., None])
-    yield ChangeModel(JIG if robot.carries_scanner else TOOL, None, "", "mm", base_R_tool)
+    yield ChangeModel(JIG if robot.carries_scanner else TOOL, None, "", "mm", state.attitude[row])
+
+
+def over_time(of_checks: Sequence[Sequence[ChangeModel]], times: Array, row: IndexArray) -> list[ChangeModel]:
+    """Changes that all checks have, by all points, with their courses: a drift; usual ones with a step before each.
+
+    Args:
+        of_checks: models of each of S checks.
+        times: (S,) of the checks.
+        row: (M,) index of each point's check.
+    """
+    count, timed = len(times), []
+    steps = [(STEP, k, (np.arange(count) >= k).astype(float), count) for k in range(count)]
+    for model in of_checks[0]:
+        same = [other for models in of_checks for other in models if other.key == model.key]
+        if len(same) == count:
+            columns = np.concatenate([one.columns for one in same])
+            for course, onset, factor, places in ((DRIFT, 0, times, 1), *(steps if model.what in USUAL else ())):
+                moved = columns * factor[row][:, None, None]
+                timed.append(replace(model, columns=moved, course=course, onset=onset, places=places))
+    return timed
 
 
 def change_label(what: str, joint: int | None, parameter: str = "") -> str:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 import numpy as np
 from scipy import special
 
 from calib.array_types import Array
-from calib.extras.watch.change_models import JIG, JOINT_ZERO, SCANNER, TOOL, ChangeModel, change_label
+from calib.extras.watch.change_models import USUAL, ChangeModel, change_label
 from calib.extras.watch.spread import Spread
 from calib.statistics import f_sf
 from calib.validation.cell_changes import Change
@@ -26,15 +25,12 @@ NAMED = 0.003  # p-value over all changes of the arm, scanner free, of a change 
 NAMED_GIVEN_OTHERS = 0.0003  # the same for a change of the arm that does not
 ALONE = 0.05  # p-value of the scanner's motion given a change of the arm, from which on that explains everything alone
 CONFOUNDED = 6.0  # chi squared by which another change may explain less than the best and be confounded with it
-USUAL = (SCANNER, JOINT_ZERO, TOOL, JIG)
 UNUSUAL_WEIGHT = 0.05  # weight of a length, an angle, a compliance: parts wear and slip more often than they bend
 DRAWS = 10_000
 _SURE = 1e-4  # family-wise p-value below which draws are too few, and Bonferroni's bound is taken
 _ROUNDING = 1e-6  # share of a movement below which the residuals do not show it
 PER_PARAMETER = 2.5  # chi squared that each parameter of a change has to explain
 DETECTABLE_Z = 3.8 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
-
-Model = TypeVar("Model", bound=ChangeModel)
 
 
 @dataclass(frozen=True)
@@ -50,31 +46,27 @@ class Detectable:
 
 
 @dataclass(frozen=True)
-class ChangeTest(Generic[Model]):
+class ChangeTest:
     """F test of one possible change of a cell against the new residuals."""
 
-    model: Model
+    model: ChangeModel
     gain: float  # chi squared that the change explains
     p_value: float
     basis: Array  # (3 M, K) orthonormal basis of the residuals that the change can make
 
     @property
-    def weighted(self) -> float:
-        """p-value divided by the change's prior weight, so smaller for usual changes."""
-        return self.p_value / weight(self.model)
-
-    @property
     def score(self) -> float:
-        """Twice the log odds of the change against no change, up to a constant."""
-        return self.gain - PER_PARAMETER * self.model.count + 2.0 * float(np.log(weight(self.model)))
+        """Twice the log odds of the change against no change, up to a constant; each onset of a step is as likely."""
+        odds = float(np.log(weight(self.model) / self.model.places))
+        return self.gain - PER_PARAMETER * self.model.count + 2.0 * odds
 
 
-def most_likely(tests: Sequence[ChangeTest[Model]]) -> ChangeTest[Model] | None:
+def most_likely(tests: Sequence[ChangeTest]) -> ChangeTest | None:
     """Test with the highest score: most explained for its number of parameters, with usual changes preferred."""
     return max(tests, key=lambda test: test.score, default=None)
 
 
-def confounded_with(tests: Sequence[ChangeTest[Model]], best: ChangeTest[Model]) -> tuple[str, ...]:
+def confounded_with(tests: Sequence[ChangeTest], best: ChangeTest) -> tuple[str, ...]:
     """Labels of changes that explain about as much as the best one with no more parameters."""
     return tuple(
         change_label(*t.model.key)
@@ -109,7 +101,7 @@ class ChangeTests:
             basis = u[:, s > 1e-9 * s[0]]
         return self.y - basis @ (basis.T @ self.y), basis
 
-    def tests(self, models: Sequence[Model], given: Sequence[ChangeModel] = ()) -> list[ChangeTest[Model]]:
+    def tests(self, models: Sequence[ChangeModel], given: Sequence[ChangeModel] = ()) -> list[ChangeTest]:
         """Test of each possible change, given other changes; changes that these poses do not show are omitted."""
         residual, basis = self._residual_given(given)
         usual = np.sqrt(self.spread.total_weight(self.blocks) / len(self.y))  # weight of a typical movement
@@ -130,15 +122,11 @@ class ChangeTests:
             tests.append(ChangeTest(model, gain, f_sf(gain / count, count, self.noise_dof), u[:, shown]))
         return tests
 
-    def test(self, model: Model, given: Sequence[ChangeModel] = ()) -> ChangeTest[Model] | None:
-        """Test of one possible change, given other changes; None where these poses do not show it."""
-        return next(iter(self.tests((model,), given)), None)
-
-    def family_wise_p_value(self, tests: Sequence[ChangeTest[Model]]) -> float:
+    def family_wise_p_value(self, tests: Sequence[ChangeTest]) -> float:
         """Family-wise p-value of the most significant one of several tests."""
-        least = min((test.weighted for test in tests), default=1.0)
-        bases, weights = [t.basis for t in tests], [weight(t.model) for t in tests]
-        return family_wise_p_value(bases, weights, least, self.noise_dof)
+        weights = [weight(test.model) for test in tests]
+        least = min((test.p_value / share for test, share in zip(tests, weights, strict=True)), default=1.0)
+        return family_wise_p_value([test.basis for test in tests], weights, least, self.noise_dof)
 
     def dof(self, given: Sequence[ChangeModel]) -> float:
         """Degrees of freedom of the residual left after fitting the given changes."""
@@ -158,8 +146,7 @@ class ChangeTests:
         """Whether a change is insignificant against the noise of the new points, given other changes."""
         if self.p_rest([*given, model]) > ALARM:
             return False  # with the change the noise is as before
-        test, count = self.test(model, given), float(model.count)
-        assert test is not None
+        (test,), count = self.tests([model], given), float(model.count)
         dof = max(self.dof([*given, model]), 1.0)
         p_value = f_sf(test.gain / count / self.noise_ratio([*given, model]) ** 2, count, dof)
         return p_value > NAMED_GIVEN_OTHERS

@@ -63,7 +63,7 @@ class CheckPoints:
             by_x=by_x,
             whiten=whitener(observed.covariance_mm2),
             anew_T_base=fit_scanner_frame(at_mm, observed.points.xyz_mm, observed.covariance_mm2),
-            models=change_models_of_arm(base.model, base.fit.x, observed),
+            models=tuple(change_models_of_arm(base.model, base.fit.x, observed)),
             station=str(setups[0]),
             poses=count,
         )

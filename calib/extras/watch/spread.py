@@ -69,8 +69,8 @@ class Spread:
         shared = colour @ (self.sizes * self.axes).reshape(len(colour), 3, -1)
         return float(np.sqrt(np.sum(shared**2) / len(colour)))
 
-    def limits_mm(self, colour: Array) -> tuple[float, float]:
-        """Expected RMS of the points' 3D errors, and the limit below which it stays in 99.73 % of unchanged cells, mm.
+    def limit_mm(self, colour: Array) -> float:
+        """Limit below which the RMS of the points' 3D errors stays in 99.73 % of unchanged cells, mm.
 
         Its square is a weighted sum of chi-square variables, approximated by one of the same mean and variance
         (Satterthwaite 1946). The errors' covariance is D + C S C^T, D block diagonal and S of signs.
@@ -86,7 +86,7 @@ class Spread:
         of_own = np.sum(columns * (own @ columns), axis=(0, 1))
         squares = float(np.sum(own**2) + 2.0 * sign @ of_own + sign @ gram**2 @ sign)
         highest = squares / mean * chi2_ppf(LIMIT_SHARE, mean**2 / squares)
-        return float(np.sqrt(mean / len(colour))), float(np.sqrt(highest / len(colour)))
+        return float(np.sqrt(highest / len(colour)))
 
 
 def _without(values: Array, basis: Array) -> Array:

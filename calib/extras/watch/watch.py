@@ -27,7 +27,7 @@ from calib.extras.watch.sheet import change_of, sheet_problem
 from calib.measurement.measured_dataset import measured
 from calib.presented import Presented
 from calib.screening.blunders import without_blunders
-from calib.statistics import axis_sigma, rms_length
+from calib.statistics import axis_sigma
 from calib.validation.cell_changes import CellChanges, Change
 
 
@@ -40,10 +40,7 @@ class ChangeReport(Presented):
     changes: tuple[Change, ...]
     detectable: tuple[Detectable, ...]
     rmse_mm: float  # RMS of the 3D errors of the check poses, the scanner at its earlier place unless it was moved
-    likely_mm: float  # of it where nothing changed, by noise and the earlier fit's uncertainty
     limit_mm: float  # above which it is in 0.27 % of unchanged cells
-    usual: tuple[Change, ...]  # each joint's zero and the tool given `changes`, whether it changed or not
-    rmse_scanner_free_mm: float  # 3D, the scanner's frame fitted anew
     expected_mm: float  # 3D, of the expected noise
     p_unchanged: float  # p-value of the new points where nothing changed
     poses: int
@@ -97,8 +94,8 @@ def report_of(base: Calibration, new: Dataset, *, scanner_moved: bool) -> Change
             f"dataset {new.name}: its scanner is {places[0]}, that of {base.dataset.name} {places[1]}; check with the "
             "scanner where it was"
         )
-    tests, trained = CellTests.of(base, new, scanner_moved=scanner_moved), base.trained
-    check, p_unchanged, (likely_mm, limit_mm) = tests.check, tests.p_unchanged, tests.limits_mm
+    tests, trained = CellTests.of(base, [new], scanner_moved=scanner_moved), base.trained
+    (check,), p_unchanged, limit_mm = tests.checks, tests.p_unchanged, tests.limit_mm
     problem = sheet_problem(base, new)
     changes = tests.changes(alarmed=p_unchanged < ALARM) if problem is None else (change_of(problem),)
     is_open = any(  # arm and scanner are confounded
@@ -112,10 +109,7 @@ def report_of(base: Calibration, new: Dataset, *, scanner_moved: bool) -> Change
         changes=changes,
         detectable=tuple(tests.free.detectable(model) for model in tests.models),
         rmse_mm=tests.rmse_mm,
-        likely_mm=likely_mm,
         limit_mm=limit_mm,
-        usual=tests.usual_sizes(changes),
-        rmse_scanner_free_mm=rms_length(check.errors_mm(check.anew_T_base)),
         expected_mm=float(np.sqrt(3.0)) * tests.expected.noise * axis_sigma(check.observed.covariance_mm2),
         p_unchanged=min(p_unchanged, tests.free.p_rest([])),
         poses=check.poses,

@@ -24,7 +24,7 @@ from calib.fitting.scanner_frame import whitener
 from calib.frames import frames_by_name
 from calib.planning.criterion import BaseCriterion, DesignProblem
 from calib.planning.exchange import best_poses
-from calib.planning.outcome import Outcome, PoseReason
+from calib.planning.outcome import Outcome
 from calib.planning.question import OptimalityCriterion, inverse
 from calib.planning.start import FromFit
 from calib.planning.unknowns import Unknowns
@@ -32,19 +32,10 @@ from calib.planning.unknowns import Unknowns
 _FREE = 1e-8  # information on a free unknown: a sigma of 1e4 mm, or 1e4 units of a change
 _SHOWS = 0.1  # in units of the noise, least effect of a milliradian or a millimetre at any candidate
 _SAME_AS_SCANNER = 0.02  # share of a change's information, with the scanner's frame free, below which it is fixed
-_NAMED = 2  # most changes in a pose's reason
 _NO_SIZE = {"rad": np.radians(10.0), "mm": 50.0}  # of a zero or a tool, above which nothing is promised
-_MIN_GAIN = 0.03  # share by which a pose lowers a change's sigma, below which the change is no reason for it
 
 
 ChangeKey = tuple[str, int | None, str]  # `ChangeModel.key` of a change of the cell
-
-
-@dataclass(frozen=True)
-class ChangeReason(PoseReason):
-    """Reason for a check pose: changes of the cell that would be detected less well without it."""
-
-    changes: tuple[ChangeKey, ...]  # the largest loss first
 
 
 @dataclass(frozen=True)
@@ -83,18 +74,13 @@ class ForWatch(BaseCriterion):
         """Indices (count,) of the candidates that detect the usual changes best, the most informative first."""
         return check_poses(_checked_changes(problem), count)
 
-    def reasons(self, problem: DesignProblem, chosen: IndexArray) -> tuple[ChangeReason, ...]:
-        """Changes that would be detected less well without each chosen candidate."""
-        changes = _checked_changes(problem)
-        return tuple(ChangeReason(_detected_by(changes, chosen, k)) for k in range(len(chosen)))
-
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> CheckOutcome:
         """Least size of each usual change of the cell that the chosen candidates find, as `watch` will judge them."""
         start = problem.start
         assert isinstance(start, FromFit)
         poses = problem.candidates.select(chosen)
         check = replace(start.dataset, poses=poses, points=problem.unknowns.points(poses))
-        cell = CellTests.of(start.calibration, check, scanner_moved=False)
+        cell = CellTests.of(start.calibration, [check], scanner_moved=False)
         free = {change.model.key: change.scanner_free for change in _checked_changes(problem)}
         changes = []
         for model in (model for model in cell.models if model.what in (JOINT_ZERO, TOOL)):
@@ -178,13 +164,3 @@ def _covariance(question: OptimalityCriterion, chosen: IndexArray) -> Array:
         @ inverse(question.prior_information + rows.T @ rows)
         @ question.target_combinations
     )
-
-
-def _detected_by(changes: Sequence[CheckedChange], chosen: IndexArray, k: int) -> tuple[ChangeKey, ...]:
-    """Changes that the chosen candidates would detect less well without the k-th candidate."""
-    gains = []
-    for change in changes:
-        with_all, without = (change.size(rows) for rows in (chosen, np.delete(chosen, k)))
-        gains.append(1.0 - with_all / without)
-    best = [i for i in np.argsort(gains)[::-1][:_NAMED] if gains[i] > _MIN_GAIN]
-    return tuple(changes[i].model.key for i in best)

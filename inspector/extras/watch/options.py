@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from inspector.cli.options import values
-from inspector.cli.options.declaration import argument, flag, option, several
+from inspector.cli.options.declaration import argument, flag, option
 from inspector.cli.options.shared import Output, WithAdding, WithLeaveOut
 
 
@@ -26,4 +26,3 @@ class WatchOptions(WithAdding, WithLeaveOut, Output):
         metavar="MM",
         parse=values.rmse_mm,
     )
-    out: Sequence[Path] = several("write the control chart with tables, .html")

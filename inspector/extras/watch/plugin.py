@@ -17,5 +17,5 @@ CONTRIBUTIONS = (
         controller="inspector.extras.watch.watch_controller:WatchController",
         view="Arm",
     ),
-    Figures("inspector.extras.watch.figures", ("control_chart",)),
+    Figures("inspector.extras.watch.watch_plots", ("control_chart",)),
 )

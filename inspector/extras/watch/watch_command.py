@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
 
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.extras.watch.present.changes import watch_document, watch_summary
 from calib.extras.watch.series import watched_cell
@@ -14,29 +12,16 @@ from calib.present import to_dict
 from calib.rendering import numbers
 from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.output_paths import check_outputs
 from inspector.extras.watch.options import WatchOptions
 
 
 def run_watch(options: WatchOptions) -> int:
     """Report changes since a calibration; exit code 1 where there are any, as an alarm for scheduled runs."""
-    for out in options.out:
-        if out.suffix.lower() != ".html":
-            raise CalibError(f"{out}: found the suffix {out.suffix!r}; a watch is written as .html")
-    datasets = [load(path) for path in (options.path, *options.new)]
-    for dataset in datasets:
-        check_outputs(dataset, options.out)
-    first, *later = _without(datasets, options.leave_out)
+    first, *later = _without([load(path) for path in (options.path, *options.new)], options.leave_out)
     base = fitted(options, measured(first))[-1].calibration
     cell = watched_cell(
         base, list(map(measured, later)), scanner_moved=options.scanner_moved, tolerance_mm=options.tolerance_mm
     )
-    if options.out:
-        from inspector.extras.watch.watch_page import watch_html  # with plotly, which takes a while to load
-
-        page = watch_html(base.dataset.name, cell, now=datetime.now())
-        for out in options.out:
-            write_text_atomically(out, page)
     show(options, to_dict(watch_document(cell)), "\n".join(watch_summary(cell)))
     return 0 if cell.is_unchanged else 1
 

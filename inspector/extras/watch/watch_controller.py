@@ -38,20 +38,19 @@ class WatchController(TabController):
         """Compare the chosen measurements with the model that was just drawn."""
         self.ask()
 
-    def ask(self, forget: bool = False) -> None:
-        """Ask the worker for the changes at the chosen later datasets; `forget` clears the choice."""
+    def ask(self) -> None:
+        """Ask the worker for the changes at the chosen later datasets."""
         if self._state.view is not None:
-            self._worker.submit("watch", lambda: self._show(forget))
+            self._worker.submit("watch", self._show)
 
-    def _show(self, forget: bool = False) -> LongWork:
-        """Long work that shows the changes of the cell at the chosen later datasets; `forget` clears the choice."""
+    def _show(self) -> LongWork:
+        """Long work that shows the changes of the cell at the chosen later datasets."""
         base, name = self._state.session.calibration, self._state.name
-        self._panel.offer(name, tuple(n for n in self._folders if n != name), forget=forget)
-        chosen, moved = self._panel.chosen, self._panel.scanner_moved
+        chosen, moved = self._chosen(), self._panel.scanner_moved
         if base is None or not chosen:
             self._panel.say(NOT_YET if base is None else CHOOSE if len(self._folders) > 1 else ALONE)
             return
-        asked = (chosen, moved)
+        asked = (name, chosen, moved)
         if self._last is None or self._last[0] != asked or self._last[1] is not base:
             if missing := [n for n in chosen if n not in self._measured]:
                 self._panel.say(f"Reading {', '.join(missing)} …")
@@ -60,10 +59,14 @@ class WatchController(TabController):
             except CalibError as error:
                 self._panel.say(str(error), bad=True)
                 return
-            if cell is None or self._state.session.calibration is not base or self._panel.chosen != chosen:
+            if cell is None or self._state.session.calibration is not base or self._chosen() != chosen:
                 return
             self._last = (asked, base, cell)
         self._panel.update(self._state.now, self._last[2])
+
+    def _chosen(self) -> tuple[str, ...]:
+        name = self._state.name
+        return self._panel.chosen(name, tuple(other for other in self._folders if other != name))
 
     def _watched(self, base: Calibration, chosen: tuple[str, ...], *, moved: bool) -> WatchedCell:
         for name in chosen:

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
+from calib.errors import CalibError
 from calib.extras.watch.present.changes import change_phrases
 from calib.extras.watch.watch import ChangeReport
 from calib.html_text import escape
+from inspector.figures.results.alone import titled
 from inspector.figures.style import distinct_labels, figure, log_axis
 from inspector.markup.parts.palette import BAD, DOUBT, GOOD, NEUTRAL
 
@@ -20,28 +22,27 @@ VERDICTS = {  # colour and marker, so that no verdict is told by its colour alon
 _MANY_TIMES = 8.0  # the limit: from there on the axis is logarithmic
 
 
-def control_chart(shown: Sequence[ChangeReport]) -> go.Figure:
-    """Figure of each measurement's 3D RMSE with its expected value and limit for an unchanged cell."""
-    x = list(range(1, len(shown) + 1))
+def control_chart(seen: ChangeReport | Sequence[ChangeReport]) -> go.Figure:
+    """Figure of the RMS error at check poses of each later measurement, mm, with the limit of an unchanged cell."""
+    shown = (seen,) if isinstance(seen, ChangeReport) else tuple(seen)
+    if not shown:
+        raise CalibError("no measurement to draw; give what calib.extras.watch.watch returned, one or several")
+    return titled(chart(shown), "Control chart of the cell")
+
+
+def chart(shown: Sequence[ChangeReport]) -> go.Figure:
+    """The control chart without a title, for the page."""
+    x = [k - 0.5 for k in range(len(shown) + 1)]  # the limit of each reaches half way to its neighbours
     limits = [w.limit_mm for w in shown]
-    lines = (
-        ("limit where nothing changed (99.7 %)", limits, "dash"),
-        ("likely where nothing changed", [w.likely_mm for w in shown], "dot"),
-    )
-    wide = [0.6, *x[1:-1], len(x) + 0.4] if len(x) > 1 else [0.6, 1.4]  # lines reach beyond the first and last
-
-    def along(values: list[float]) -> list[float]:
-        return values if len(x) > 1 else values * 2
-
     traces: list[dict[str, object]] = [
         {
-            "type": "scatter", "mode": "lines", "name": name, "x": wide, "y": along(values), "hoverinfo": "skip",
-            "line": {"color": NEUTRAL, "width": 1.5, "dash": dash},
+            "type": "scatter", "mode": "lines", "name": "limit where nothing changed (99.7 %)", "x": x,
+            "y": [*limits, limits[-1]], "hoverinfo": "skip",
+            "line": {"color": NEUTRAL, "width": 1.5, "dash": "dash", "shape": "hv"},
         }
-        for name, values, dash in lines
     ]  # fmt: skip
     for verdict, (colour, symbol) in VERDICTS.items():
-        own = [(at, w) for at, w in zip(x, shown, strict=True) if w.verdict == verdict]
+        own = [(at, w) for at, w in enumerate(shown) if w.verdict == verdict]
         if own:
             traces.append(
                 {
@@ -52,17 +53,16 @@ def control_chart(shown: Sequence[ChangeReport]) -> go.Figure:
                 }
             )  # fmt: skip
     names = [w.date[:10] for w in shown] if all(w.date for w in shown) else distinct_labels([w.name for w in shown])
-    step = -(-len(x) // 8)
-    high = max(w.rmse_mm for w in shown)
+    every = slice(None, None, -(-len(shown) // 8))
+    errors = [w.rmse_mm for w in shown]
     scale: dict[str, object] = {"rangemode": "tozero"}
-    if high > _MANY_TIMES * max(limits):
-        low = min(w.likely_mm for w in shown)
-        scale = log_axis(min(low, *(w.rmse_mm for w in shown)), high)
+    if max(errors) > _MANY_TIMES * max(limits):
+        scale = log_axis(min(*errors, *limits), max(errors))
     return figure(
         traces,
         xaxis={
-            "tickvals": x[::step], "ticktext": names[::step], "zeroline": False, "range": [0.6, len(x) + 0.4],
-            "automargin": True,
+            "tickvals": [*range(len(shown))][every], "ticktext": names[every], "zeroline": False,
+            "range": [-0.5, len(shown) - 0.5], "automargin": True,
         },
         yaxis={"title": "error at check poses, mm", "automargin": True, **scale},
         margin=(56, 14, 30, 34),

@@ -22,7 +22,7 @@ def test_the_control_chart_of_a_cell() -> None:
     later = [watch(found.calibration, replace(dataset, name=name)) for name in ("may", "june")]
     figure = figures.control_chart(later)
     points = [(x, y) for trace in figure.data if trace.mode == "markers" for x, y in zip(trace.x, trace.y, strict=True)]
-    assert sorted(points) == [(1, later[0].rmse_mm), (2, later[1].rmse_mm)]
+    assert sorted(points) == [(0, later[0].rmse_mm), (1, later[1].rmse_mm)]
     assert len(figures.control_chart(later[0]).data) == len(figure.data)
     stands_alone(figure, "mm")
     with pytest.raises(CalibError, match="no measurement to draw"):

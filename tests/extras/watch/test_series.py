@@ -14,8 +14,9 @@ from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
-from calib.extras.watch.present.changes import series_sentence, time_left_sentence, watch_document
-from calib.extras.watch.series import DRIFT, STEP, watch_series, watched_cell
+from calib.extras.watch.change_models import DRIFT, STEP
+from calib.extras.watch.present.changes import series_sentence, time_left_sentence, watch_document, watch_summary
+from calib.extras.watch.series import watch_series, watched_cell
 from calib.extras.watch.watch import watch
 from calib.statistics import rms_length
 from tests.support.checked_cell import Cell
@@ -129,21 +130,16 @@ def test_a_grown_backlash_is_named_where_the_side_of_approach_is_known() -> None
     assert change.size == pytest.approx(np.radians(0.04), abs=4.0 * change.sigma)
 
 
-def test_dates_that_are_missing_leave_the_number_of_the_check() -> None:
+def test_a_drift_is_sought_over_dates_alone() -> None:
     base, checks, *_ = series(drifting(0.003))
-    undated = [replace(check, about=replace(check.about, date="")) for check in checks]
-    found = watch_series(base, undated)
-    assert found.time_unit == "check"
-    assert found.change is not None
-    assert "a check since" in series_sentence(found)
-
-
-def test_a_calibration_without_a_date_is_said_to_be_supposed() -> None:
-    base, checks, *_ = series(drifting(0.003))
-    about = replace(base.dataset.about, date="")
-    undated = replace(base, dataset=replace(base.dataset, about=about))
-    assert "The calibration has no date" in series_sentence(watch_series(undated, checks))
-    assert "The calibration has no date" not in series_sentence(watch_series(base, checks))
+    undated = [replace(checks[0], about=replace(checks[0].about, date="")), *checks[1:]]
+    cell = watched_cell(base, undated)
+    assert (cell.together, cell.undated) == (None, ("c1",))
+    assert "No drift is sought" in watch_summary(cell)[-1]
+    with pytest.raises(CalibError, match=r"dataset c1: .* give it \[about\] date"):
+        watched_cell(base, undated, tolerance_mm=0.4)
+    late = replace(base, dataset=dated(base.dataset, 3))
+    assert watched_cell(late, checks).undated == ("before",)
 
 
 def test_too_few_checks_say_how_many_it_takes() -> None:

@@ -34,10 +34,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def watched(app: App, choice: str, *, forget: bool = False) -> str:
+def watched(app: App, choice: str) -> str:
     """What the page says once this is chosen."""
     app.panels.contributed["Watch"].later.value = choice
-    app.contributed["Watch"].ask(forget)
+    app.contributed["Watch"].ask()
     assert app.worker.wait_idle(IDLE_S)
     with WireClient(app.server.get_port()) as page:
         return plain(page)
@@ -48,30 +48,19 @@ def test_what_changed_since_the_calibration_on_show(app: App) -> None:
     assert "measured later" in watched(app, NONE)
     assert "2 june: unchanged." in watched(app, "2 june")
     panel = app.panels.contributed["Watch"]
-    assert panel.later.value == NONE  # ready for the next
-    assert "2 june" not in panel.later.options
     said = watched(app, "3 october")
-    assert panel.chosen == ("2 june", "3 october")
     assert "joint 3 (theta3) changed by 0.0" in said
     assert "could not see" in said
-    names = [trace.name for trace in panel._plot.figure.data]
-    assert names[2:] == ["unchanged", "changed"]
-    unchanged, changed = panel._plot.figure.data[2:]
-    assert changed.y[0] > panel._plot.figure.data[0].y[0] > unchanged.y[0]  # the limit lies between
-
-
-def test_another_arm_is_refused_and_clearing_begins_anew(app: App) -> None:
-    assert "other joints" in watched(app, ALL)
-    assert not app.panels.contributed["Watch"]._plot.visible
-    assert "measured later" in watched(app, NONE, forget=True)
-    assert ALL in app.panels.contributed["Watch"].later.options
-
-
-def test_each_dataset_on_show_has_its_own_choice(app: App) -> None:
-    watched(app, "2 june")
-    app.open("2 june")
+    limit, changed = panel._plot.figure.data
+    assert changed.name == "changed"
+    assert changed.y[0] > limit.y[0]
+    app.open("2 june")  # each dataset on show has its own choice
     assert app.worker.wait_idle(IDLE_S)
-    assert app.panels.contributed["Watch"].chosen == ()
+    assert panel.later.value == NONE
     app.open("1 march")
     assert app.worker.wait_idle(IDLE_S)
-    assert app.panels.contributed["Watch"].chosen == ("2 june",)
+
+
+def test_another_arm_is_refused(app: App) -> None:
+    assert "other joints" in watched(app, ALL)
+    assert not app.panels.contributed["Watch"]._plot.visible

@@ -5,23 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from calib.extras.watch.change_models import BASE, NOISE, change_label
-from calib.extras.watch.series import DRIFT, SeriesReport, WatchedCell
+from calib.extras.watch.change_models import BASE, DRIFT, NOISE, change_label
+from calib.extras.watch.series import SeriesReport, WatchedCell
 from calib.extras.watch.watch import ChangeReport
 from calib.present.over_time.comparison import misfit_sentence, or_confounded
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
 from calib.rendering.colours import DOUBT, GOOD, VERDICT_COLOURS
+from calib.rendering.text import block_text
 from calib.validation.cell_changes import Change
 
-METHOD = (
-    "The earlier fit predicts each check pose. The limit is what the noise and the uncertainty of the fit's parameters "
-    "and of the instrument's frame would make. Each possible change is fitted by generalised least squares, once with "
-    "the instrument where it was and once with its place free; the arm is not blamed for what a moved instrument "
-    "explains.",
-    "Of unchanged cells fewer than one in a hundred is called changed, over all kinds of change together.",
-)
 _WHAT = {
     "joint_zero": "the zero",
     "compliance": "the compliance",
@@ -29,9 +23,8 @@ _WHAT = {
     "angle": "an angle",
     "backlash": "the backlash",
 }
+_CHART = "The error at the check poses, against its limit."
 _MOVED = {"scanner": "moved", "tool": "moved", "jig": "moved", "warmth": "grew"}
-_SIDE_BY_SIDE = 3  # measurements in one table
-_SIZES_NOTE = "Each size is estimated given the changes named above, whether it changed or not."
 
 
 @presentation.register
@@ -41,7 +34,7 @@ def _change_report(report: ChangeReport) -> Presentation:
         ("3D error, RMS", numbers.length(report.rmse_mm)),
         ("limit where nothing changed", numbers.length(report.limit_mm)),
     ]
-    head: list[Block] = [*change_verdict(report), Facts(limits), control_chart([report])]
+    head: list[Block] = [*change_verdict(report), Facts(limits), FigurePlace("control_chart", ((report,),), _CHART)]
     return Presentation(f"Watch: {report.name}", head, change_sections([report]))
 
 
@@ -54,8 +47,15 @@ def _series_report(found: SeriesReport) -> Presentation:
 
 def cell_verdict(cell: WatchedCell) -> list[Block]:
     """Blocks with the verdict on the last measurement of a cell, and on all of them together."""
-    together = [] if cell.together is None else presentation(cell.together).head
-    return [*change_verdict(cell.seen[-1]), *together]
+    return [*change_verdict(cell.seen[-1]), *_together(cell)]
+
+
+def _together(cell: WatchedCell) -> Sequence[Block]:
+    """Blocks on what all measurements show, or on why no drift is sought."""
+    if cell.undated:
+        missing = f"[about] date in dataset.toml of {numbers.listing(cell.undated)}"
+        return [Paragraph(f"No drift is sought over these checks, which takes {missing}, the calibration's the first.")]
+    return [] if cell.together is None else presentation(cell.together).head
 
 
 def change_verdict(report: ChangeReport) -> list[Block]:
@@ -126,30 +126,20 @@ def _or_rivals(change: Change) -> str:
     return or_confounded([name for name in change.as_well if name != BASE])
 
 
-def control_chart(reports: Sequence[ChangeReport]) -> FigurePlace:
-    """Placeholder of the control chart."""
-    caption = "The error at the check poses of each measurement, against its limit."
-    return FigurePlace("control_chart", (tuple(reports),), caption)
-
-
 # ---- several checks together ----------------------------------------------------------------------------------------
 
 
 def series_sentence(found: SeriesReport) -> str:
     """Sentence or two on the drift or step that a series of checks shows."""
-    dated = found.time_unit == "day"
-    over = f"Over {len(found.names)} checks" + (f" from {found.dates[0]} to {found.dates[-1]}" if dated else "")
+    over = f"Over {len(found.names)} checks from {found.dates[0]} to {found.dates[-1]}"
     change = found.change
     if change is None:
         what = "nothing drifts or steps" if found.is_steady else "no single drift or step explains what changes"
         return f"{over} {what} (probability of this much by chance: {numbers.probability(found.p_unchanged)})."
     size = numbers.with_sigma(change.size, change.sigma, change.unit)
     if found.course == DRIFT:
-        what = f"{_part(change)} drifts by {size} a {found.time_unit} since the calibration{_or_rivals(change)}"
-        undated = dated and not found.calibration_dated
-        supposed = " The calibration has no date before theirs; it counts as one mean interval before the first check."
-        return f"{over}: {what}.{supposed if undated else ''}"
-    checks = [f"{name} ({when[:10]})" if when else name for name, when in zip(found.names, found.dates, strict=True)]
+        return f"{over}: {_part(change)} drifts by {size} a day since the calibration{_or_rivals(change)}."
+    checks = [f"{name} ({when[:10]})" for name, when in zip(found.names, found.dates, strict=True)]
     first = found.names.index(found.onset or "")
     when = f"between {checks[first - 1]} and {checks[first]}" if first else "before the first check"
     return f"{over}: {_part(change)} {_MOVED.get(change.what, 'changed')} by {size} {when}{_or_rivals(change)}."
@@ -168,7 +158,7 @@ def time_left_sentence(found: SeriesReport) -> str:
         return f"{now}; these checks show no drift that would reach the tolerance of {limit}."
     earliest, latest = (numbers.MISSING if t is None else f"{t:.0f}" for t in (left.earliest, left.latest))
     span = f"{earliest} to {latest}" if left.latest is not None else f"{earliest} or more"
-    time = numbers.count(round(left.likely), found.time_unit)
+    time = numbers.count(round(left.likely), "day")
     return f"{now}; at this rate the tolerance of {limit} is reached in {time} (90 % interval: {span})."
 
 
@@ -176,11 +166,10 @@ def time_left_sentence(found: SeriesReport) -> str:
 
 
 def change_sections(reports: Sequence[ChangeReport]) -> list[Section]:
-    """Sections on each measurement, the sizes of usual changes, and undetectable changes."""
+    """Sections on each measurement, and undetectable changes."""
     unseen = unseen_sentences(reports[-1])
     return [
         *([Section("Each measurement", [measurements(reports)])] if len(reports) > 1 else []),
-        Section("Every joint and the tool", [usual_sizes(reports), Paragraph(_SIZES_NOTE, soft=True)]),
         *([Section("What these poses could not see", [Bullets(unseen)], brief=True)] if unseen else []),
     ]
 
@@ -198,19 +187,6 @@ def measurements(reports: Sequence[ChangeReport]) -> Table:
         for report in reports
     ]
     return Table(("", "date", "what changed", "error, mm", "limit, mm"), rows, left=range(3))
-
-
-def usual_sizes(reports: Sequence[ChangeReport]) -> Table:
-    """Table of the change of each joint's zero and of the tool with its sigma, one column for each late measurement."""
-    shown = reports[-_SIDE_BY_SIDE:]
-    rows = []
-    for each in zip(*(report.usual for report in shown), strict=True):
-        name = "tool" if each[0].joint is None else f"zero of joint {each[0].joint}"
-        unit = numbers.readable(0.0, each[0].unit)[1]
-        sizes = [numbers.with_sigma(c.size, c.sigma, c.unit, sign=True).removesuffix(unit).rstrip() for c in each]
-        rows.append((f"{name}, {unit}", *sizes))
-    caption = f"the last {len(shown)} of {len(reports)} checks" if len(reports) > len(shown) else ""
-    return Table(("change ± sigma", *(report.name for report in shown)), rows, caption=caption)
 
 
 def unseen_sentences(report: ChangeReport) -> list[str]:
@@ -257,9 +233,9 @@ def watch_document(cell: WatchedCell) -> dict[str, Any]:
 
 
 def _trends(found: SeriesReport) -> list[dict[str, Any]]:
-    """Drift of a series by day, none where nothing drifts or dates are missing."""
+    """Drift of a series by day, none where nothing drifts."""
     change, left = found.change, found.time_left
-    if change is None or found.course != DRIFT or found.time_unit != "day":
+    if change is None or found.course != DRIFT:
         return []
     drift = {"what": change.what, "joint": change.joint, "per_day": change.size, "sigma": change.sigma}
     return [{**drift, "unit": change.unit, "days_left": None if left is None else left.likely}]
@@ -267,6 +243,5 @@ def _trends(found: SeriesReport) -> list[dict[str, Any]]:
 
 def watch_summary(cell: WatchedCell) -> list[str]:
     """Paragraphs that `inspector watch` prints: each measurement, the last in full, and the series."""
-    together = [] if cell.together is None else [cell.together.summary()]
     *earlier, last = cell.seen
-    return [*map(change_headline, earlier), last.summary(), *together]
+    return [*map(change_headline, earlier), last.summary(), block_text(*_together(cell))]

@@ -1,9 +1,9 @@
-"""What is told of planned check poses: the changes of a cell that they find, and the reason for each."""
+"""What is told of planned check poses: the changes of a cell that they find."""
 
 from __future__ import annotations
 
-from calib.extras.watch.watch_criterion import ChangeReason, CheckOutcome
-from calib.present.moves.plans import ReasonTold, Told, reason_told, told
+from calib.extras.watch.watch_criterion import CheckOutcome
+from calib.present.moves.plans import Told, told
 from calib.rendering import numbers
 from calib.rendering.blocks import Paragraph, Table
 
@@ -23,11 +23,6 @@ def _of_checks(outcome: CheckOutcome) -> Told:
     table = [Table(("change", "found from"), rows, left=(0,)), Paragraph(words, soft=True)] if rows else []
     keys = [{"what": c.what, "joint": c.joint, "unit": c.unit, "found_from": c.size} for c in outcome.changes]
     return Told("to watch the cell", False, table, sentences, {"check": keys})
-
-
-@reason_told.register
-def _by_changes(reason: ChangeReason) -> ReasonTold:
-    return ReasonTold(", ".join(change_name(*key) for key in reason.changes) or "a little of everything")
 
 
 def change_name(what: str, joint: int | None, parameter: str = "") -> str:
