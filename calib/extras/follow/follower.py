@@ -20,9 +20,7 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset
 from calib.errors import DatasetError
-from calib.extras.follow.campaign import Campaign, with_arrivals
-from calib.extras.follow.judgement import PoseJudgement
-from calib.options import FitOptions
+from calib.extras.follow.campaign import Campaign, PoseJudgement, with_arrivals
 from calib.scans.scan import scan_file
 from calib.targets.batch import find_targets
 
@@ -42,28 +40,25 @@ class News:
 
     judged: tuple[PoseJudgement, ...] = ()
     fault: str = ""  # of a table, told once; the campaign stays as it was
-    unknown: tuple[str, ...] = ()  # names that poses.csv does not have (yet), told once each
 
 
 class CampaignFollower:
     """Follower of one folder; `campaign` is None until dataset.toml, the robot and a pose are there."""
 
-    def __init__(self, folder: Path, options: FitOptions = FitOptions(), executor: Executor | None = None) -> None:
+    def __init__(self, folder: Path, executor: Executor | None = None) -> None:
         self.folder = folder
-        self.options = options
         self.executor = executor
         self.campaign: Campaign | None = None
         self.searches: dict[str, CornerSearch] = {}
         self._now_s = 0.0
         self._files: dict[Path, tuple[Version, float]] = {}  # with the time since when they are so
         self._read: ArrivingDataset | None = None
-        self._taken: tuple[object, ...] = ()  # content that the campaign was brought up to date with
+        self._taken: ArrivingDataset | None = None  # that the campaign was brought up to date with
         self._tables: Mapping[Path, tuple[Version, bool]] = {}  # as they were read, and whether they were at rest
         self._versions: dict[str, Version] = {}  # of the scan that was searched, by pose
         self._doubt: tuple[str, float] | None = None  # what is wrong with the tables, and since when
         self._told = ""  # fault that has lasted
         self._waiting: set[str] = set()  # poses whose scan cannot be read yet
-        self._unknown: tuple[str, ...] = ()
 
     def look(self, now_s: float) -> News:
         """Take what has arrived since the last look, at a monotonic time in seconds.
@@ -85,21 +80,13 @@ class CampaignFollower:
         dataset = read.dataset
         if dataset.scan_folder is not None and scans is None:
             return self.look(now_s)  # now that the scan folder's name is known
-        unknown = self._names_unknown(read)
-        strange = tuple(name for name in unknown if name not in self._unknown)
-        self._unknown = unknown
-        campaign = replace(self.campaign or Campaign(dataset), unknown=unknown)
         searched = dataset.points is None and self._search_new(dataset)
-        rows = None if dataset.points is None else len(dataset.points)
-        content = dataset.read_files, dataset.poses.ids, rows, read.unseen
-        judged: tuple[PoseJudgement, ...] = ()
-        if searched or content != self._taken:
-            self._taken = content
-            searches = of_one_jig(self.searches, dataset.jig).searches
-            self.campaign, judged = with_arrivals(campaign, read, searches, self.options)
-        elif strange or self.campaign is None or self.campaign.unknown != unknown:
-            self.campaign = campaign
-        return News(judged, unknown=strange)
+        if not searched and read is self._taken:
+            return News()
+        self._taken = read
+        searches = of_one_jig(self.searches, dataset.jig).searches
+        self.campaign, judged = with_arrivals(self.campaign or Campaign(dataset), read, searches)
+        return News(judged)
 
     @property
     def is_at_rest(self) -> bool:
@@ -150,20 +137,6 @@ class CampaignFollower:
                 return "" if told == words else words
         self._doubt, self._told, self._read, self._tables = None, "", read, tables
         return ""
-
-    def _names_unknown(self, arriving: ArrivingDataset) -> tuple[str, ...]:
-        """Names in points.csv, and files of scans at rest, that poses.csv does not have."""
-        dataset, found = arriving.dataset, list(arriving.unknown)
-        if dataset.points is not None or dataset.scan_folder is None:
-            return tuple(found)
-        paths = map(dataset.scan_path, range(len(dataset.poses)))
-        named = {scan_file(path) for path in paths if path is not None}
-        kinds, folder = {path.suffix.lower() for path in named}, self.folder / dataset.scan_folder
-        for path in sorted(self._files):
-            is_scan = path.parent == folder and path.suffix.lower() in kinds and not path.name.startswith(".")
-            if is_scan and path not in named and self._rested(path) is not None:
-                found.append(f"{dataset.scan_folder}/{path.name}")
-        return tuple(found)
 
     def _search_new(self, dataset: Dataset) -> bool:
         """Search the scans that have come to rest since the last look; whether there were any."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import threading
 import time
 
-import numpy as np
-
 from calib.errors import CalibError
 from calib.extras.follow.campaign import Campaign
 from calib.extras.follow.follower import CampaignFollower
@@ -49,11 +47,11 @@ class LiveController(TabController):
 
     def opened(self) -> None:
         """Show the campaign of the dataset that was just opened."""
-        follower = self._followers.get(self._state.name)
-        if follower is None or follower.campaign is None:
+        campaign = self.campaign
+        if campaign is None:
             self._panel.clear()
         else:
-            self._panel.update(follower.campaign, is_newer=self._is_newer(follower))
+            self._panel.update(campaign)
 
     def _run(self, stop: threading.Event) -> None:
         while not stop.is_set():
@@ -78,15 +76,4 @@ class LiveController(TabController):
         if news.fault:
             self._panel.say(news.fault, bad=True)
         elif follower.campaign is not None and follower.campaign is not before:
-            self._panel.update(follower.campaign, is_newer=self._is_newer(follower))
-
-    def _is_newer(self, follower: CampaignFollower) -> bool:
-        """Whether the folder has poses or points that the dataset on show does not have."""
-        campaign, session = follower.campaign, self._state.session
-        if campaign is None:
-            return False
-        shown = session.dataset
-        if shown.points is None:
-            return set(campaign.found) != {i for i, s in session.searches.items() if s.corner is not None}
-        arrived = campaign.dataset.points
-        return arrived is not None and not np.array_equal(arrived.xyz_mm, shown.points.xyz_mm)
+            self._panel.update(follower.campaign)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import viser
 
 from calib.extras.follow.campaign import Campaign
-from calib.extras.follow.present.campaign import campaign_head, latest_first, unknown_sentence
+from calib.extras.follow.present.campaign import campaign_head, latest_first
 from calib.rendering import html
 from inspector.markup.parts import elements
 from inspector.panels.base import SECONDARY, Actions, by_page
@@ -45,12 +45,11 @@ class LivePanel:
         """Show what is wrong with the folder, or that nothing has arrived."""
         self._state.content = elements.alert(words) if bad else elements.note(words)
 
-    def update(self, campaign: Campaign, *, is_newer: bool) -> None:
-        """Show a campaign; `is_newer`: it has poses that the dataset on show does not have."""
+    def update(self, campaign: Campaign) -> None:
+        """Show a campaign."""
         if not campaign.judged:
-            strange = campaign.unknown
-            self.say(unknown_sentence(strange) if strange else WAITING, bad=bool(strange))
+            self.say(WAITING)
             return
         self._state.content = html.panel(campaign_head(campaign))
         self._poses.content = html.panel([latest_first(campaign)])
-        self._show.visible = is_newer
+        self._show.visible = True

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.options import RESIDUAL_KINDS, FitOptions
 from inspector.cli.options import values
 from inspector.cli.options.declaration import argument, flag, option
 from inspector.cli.options.shared import Output
@@ -20,14 +19,4 @@ class FollowOptions(Output):
         "enough is where the predicted error is within this", metavar="X", parse=values.rmse_mm
     )
     once: bool = flag("end when all that is there was judged, do not wait for more")
-    until_enough: bool = flag("end when more poses no longer pay")
-    residual: str = option(
-        "as of calibrate (position)",
-        "position",
-        choices=[kind for kind in RESIDUAL_KINDS if kind not in ("pose", "distance")],
-    )
     json: bool = flag("a JSON object for each pose, a line each, on stdout")
-
-    def fit_options(self) -> FitOptions:
-        """Fit options given by --residual."""
-        return FitOptions(residual=self.residual)

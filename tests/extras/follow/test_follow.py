@@ -7,7 +7,6 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -17,11 +16,10 @@ import pytest
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset, write_dataset
+from calib.dataset.files.folder import ArrivingDataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.extras.follow.campaign import Campaign, with_arrivals
+from calib.extras.follow.campaign import Campaign, PoseJudgement, with_arrivals
 from calib.extras.follow.follower import PATIENCE_S, SETTLED_S, CampaignFollower, News
-from calib.extras.follow.judgement import PoseJudgement
 from calib.extras.follow.present.campaign import campaign_head, judgement_document
 from calib.frames import best_fit_transform, rotation_from_rotvec
 from calib.kinematics.chain import Chain, nominal_chain
@@ -76,7 +74,7 @@ def first(dataset: Dataset, count: int) -> ArrivingDataset:
     return ArrivingDataset(dataset.with_points(points.select(points.pose < count)))
 
 
-def measured_in_steps(dataset: Dataset, counts: Iterator[int] | list[int]) -> Campaign:
+def measured_in_steps(dataset: Dataset, counts: list[int]) -> Campaign:
     campaign = Campaign(dataset)
     for count in counts:
         campaign, _ = with_arrivals(campaign, first(dataset, count), {})
@@ -91,9 +89,10 @@ def test_the_error_is_predicted_and_falls_and_the_plan_is_followed() -> None:
     assert late.outlook is not None
     assert late.outlook.now.geometry_mm < early.outlook.now.geometry_mm
     left = {dataset.poses.ids[i] for i in range(20, POSES) if not dataset.poses.is_test[i]}
-    assert {n.pose for n in early.outlook.next} <= left
-    assert all(n.pose is None for n in late.outlook.next)  # the plan is measured: poses of the cell
-    assert len(late.good) == POSES
+    assert set(early.outlook.next) <= left
+    assert late.outlook.next == ()
+    assert "All planned poses are measured" in block_text(*campaign_head(late))
+    assert len(late.in_state("good")) == POSES
 
 
 def test_a_wrong_point_is_doubtful_at_once_and_good_when_it_was_measured_again() -> None:
@@ -110,7 +109,7 @@ def test_a_wrong_point_is_doubtful_at_once_and_good_when_it_was_measured_again()
     assert [(j.pose, j.state, j.reason) for j in news] == [(name, "doubtful", "off")]
     assert news[0].error_mm == pytest.approx(1.0, rel=0.4)
     assert "measure it once more" in judgement_document(campaign, news[0])["why"]
-    assert name in campaign.open_poses
+    assert campaign.in_state("doubtful") == (name,)
     campaign, news = with_arrivals(campaign, first(dataset, at + 1), {})
     assert [(j.pose, j.state) for j in news] == [(name, "good")]
 
@@ -119,7 +118,7 @@ def test_a_wrong_point_is_doubtful_at_once_and_good_when_it_was_measured_again()
 def test_what_moved_in_the_middle_is_told_with_the_pose_and_ends_with_a_setup_of_its_own(what: str) -> None:
     since = 24
     dataset = with_moved(measured(), since, what)
-    campaign = measured_in_steps(dataset, [since, *range(since + 1, since + 8)])
+    campaign = measured_in_steps(dataset, [since, since + 7])
     first_off = campaign.off_since
     assert first_off is not None
     assert abs(dataset.poses.ids.index(first_off) - since) <= 2
@@ -129,7 +128,7 @@ def test_what_moved_in_the_middle_is_told_with_the_pose_and_ends_with_a_setup_of
         told = replace(dataset, poses=replace(dataset.poses, setup=setup))
         campaign, _ = with_arrivals(campaign, first(told, POSES), {})
         assert campaign.off_since is None
-        assert len(campaign.good) >= POSES - 1
+        assert len(campaign.in_state("good")) >= POSES - 1
 
 
 # ---- files ----------------------------------------------------------------------------------------------------------
@@ -197,8 +196,7 @@ def test_a_row_without_a_point_is_to_be_repeated_and_one_of_no_pose_waits(folder
     judged = {j.pose: j for j in Clock(folder).settle()}
     assert judged[name].state == "repeat"
     assert judged[name].reason == "not seen"
-    assert "later" not in judged
-    assert load_arriving_dataset(folder).unknown == ("later",)
+    assert judged["later"].state == "unknown"
 
 
 def test_a_fault_in_a_table_is_told_once_when_it_lasts_and_forgotten_when_mended(folder: Path) -> None:
@@ -276,28 +274,17 @@ def test_a_name_that_the_plan_does_not_have_is_told_at_once_until_the_plan_has_i
     other = lines[1].replace(ids[1], "P-17"), lines[2].replace(ids[2], ids[2].upper() + " ")
     clock = Clock(folder)
     (folder / "points.csv").write_text("".join([header, lines[0], *other]))
-    news = clock.look()  # the writer may still be at it, but the lines are whole
-    assert news.unknown == ("P-17", ids[2].upper())
-    assert [j.pose for j in news.judged] == [ids[0]]
-    assert [clock.look().unknown for _ in range(3)] == [()] * 3
+    told = {j.pose: j.state for j in clock.look().judged}  # the writer may still be at it, but the lines are whole
+    assert told == {ids[0]: "good", "P-17": "unknown", ids[2].upper(): "unknown"}
+    assert clock.look().judged == ()
     campaign = clock.follower.campaign
     assert campaign is not None
-    assert f"P-17 and {ids[2].upper()} are of no pose" in block_text(*campaign_head(campaign))
+    assert f"of no pose that poses.csv has (yet): P-17 and {ids[2].upper()}" in block_text(*campaign_head(campaign))
     poses = (folder / "poses.csv").read_text()
     (folder / "poses.csv").write_text(poses + poses.splitlines(keepends=True)[2].replace(ids[1], "P-17"))
-    assert [j.pose for j in clock.settle()] == ["P-17"]
+    assert [(j.pose, j.state) for j in clock.settle()] == [("P-17", "good")]
     assert clock.follower.campaign is not None
     assert clock.follower.campaign.unknown == (ids[2].upper(),)
-
-
-def test_a_scan_of_no_pose_is_told(tmp_path: Path) -> None:
-    shutil.copytree(Path("sample_data/rb5_jang"), tmp_path / "s", ignore=shutil.ignore_patterns("*.ply"))
-    clock = Clock(tmp_path / "s")
-    clock.look()
-    for name in ("P_1.ply", ".p01.ply.part", "notes.txt"):
-        (tmp_path / "s" / "scans" / name).write_bytes(b"ply")
-    told = [name for _ in range(3) for name in clock.look().unknown]
-    assert told == ["scans/P_1.ply"]
 
 
 def test_the_command_tells_names_that_the_plan_does_not_have(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -309,14 +296,14 @@ def test_the_command_tells_names_that_the_plan_does_not_have(folder: Path, capsy
     assert {line["pose"]: line["state"] for line in told} == {ids[0]: "good", "shot 2": "unknown"}
     assert all(line["unknown"] == ["shot 2"] for line in told)
     main(["follow", str(folder), "--once"])
-    assert "shot 2 is of no pose that poses.csv has (yet)" in capsys.readouterr().out
+    assert "shot 2 unknown: is of no pose that poses.csv has (yet)" in capsys.readouterr().out
     (folder / "points.csv").write_text(header + lines[1].replace(ids[1], "shot 2"))
     assert main(["follow", str(folder), "--once"]) == 2
-    assert "nothing was measured; shot 2 is of no pose" in capsys.readouterr().err
+    assert "nothing was measured; poses.csv has no pose shot 2" in capsys.readouterr().err
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_whatever_a_writer_does_to_the_tables_each_pose_is_told_once_and_all_ends_well(folder: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     points, poses, top = (folder / name for name in ("points.csv", "poses.csv", "dataset.toml"))
@@ -349,7 +336,7 @@ def test_whatever_a_writer_does_to_the_tables_each_pose_is_told_once_and_all_end
             case _:
                 points.write_bytes(have + rows[min(count, POSES - 1)][: int(rng.integers(1, 30))])
 
-    for _ in range(60):
+    for _ in range(30):
         if rng.random() < 0.5:
             garbled()
         else:

@@ -25,7 +25,7 @@ def test_a_campaign_is_opened_half_measured_followed_and_shown(tmp_path: Path) -
         shows(page, "3 of 3 poses good", "No error is predicted yet: 3 of at least 9 poses")
         strange = "shot 9" + lines[3][lines[3].index(",") :]
         (folder / "points.csv").write_text("".join([header, *lines[:3], strange]))
-        shows(page, "shot 9 is of no pose that poses.csv has (yet)")
+        shows(page, "of no pose that poses.csv has (yet): shot 9")
         (folder / "points.csv").write_text("".join([header, *lines]))
         shows(page, f"{len(lines)} of {len(lines)} poses good", "Predicted error at")
         assert page.has(SHOW)

@@ -32,11 +32,11 @@ METHOD = (
     "A cause is an effect on one joint that an arm's diagnosis claims, or finds likely with a probability of a half or "
     "more, on average of the arm's datasets; joints that move the measured points by less than a quarter of what the "
     "largest of that effect does are left aside. It is listed from three arms on. Its arms are compared for each site, "
-    "each further key of [about], all arms since a serial number or a date, and each range of serial numbers by "
-    "Fisher's exact test, one-sided, with the rest of the arms of that model; the best place or range with the best "
-    "where the cause is dealt out at random. All tests of the fleet are corrected together (Holm), and groups below "
-    "p = 0.05 are listed. A group that stands out is a place to look, not a proof: arms of one site often have one "
-    "gear batch and neighbouring numbers too.",
+    "each further key of [about] with the rest of the arms of that model by Fisher's exact test, one-sided; the range "
+    "of serial numbers and the range of dates in which the cause is most frequent with those where it is dealt out at "
+    "random (permutations, Kolmogorov and Smirnov). All tests of the fleet are corrected together (Holm), and groups "
+    "below p = 0.05 are listed. A group that stands out is a place to look, not a proof: arms of one site often have "
+    "one gear batch and neighbouring numbers too.",
     "Each dataset is compared with the last calibration of the same serial number and of an earlier date, as inspector "
     "watch does: the earlier calibration predicts the later points. What a moved scanner, a moved base or more noise "
     "explains is not blamed on the arm.",
@@ -117,9 +117,8 @@ def group_phrase(group: Group) -> str:
 
 def cause_phrase(cause: SharedCause) -> str:
     """Phrase on a shared cause: the number of arms that have it, and the properties common to these arms."""
-    robot = f" {cause.robot}" if cause.robot else ""
     common = "; ".join(map(group_phrase, cause.groups)) or "no group of them stands out"
-    return f"{cause_name(cause)} in {len(cause.arms)} of {cause.of} arms{robot}: {common}"
+    return f"{cause_name(cause)} in {len(cause.arms)} of {cause.of} arms {cause.robot}: {common}"
 
 
 def _causes(fleet: Fleet) -> list[Block]:
@@ -129,7 +128,7 @@ def _causes(fleet: Fleet) -> list[Block]:
     rows = [
         (
             cause_name(cause),
-            cause.robot or "all models",
+            cause.robot,
             f"{len(cause.arms)} of {cause.of}",
             numbers.column_mm(cause.moves_mm),
             "; ".join(map(group_phrase, cause.groups)) or "no group stands out",

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from calib.calibration.noise_level import FIT, noise_level
 from calib.dataset.files.poses_csv import in_unit_of, joint_columns
-from calib.extras.follow.campaign import Campaign
-from calib.extras.follow.judgement import PoseJudgement
-from calib.extras.follow.outlook import NextPose
-from calib.kinematics.robot import Robot
+from calib.extras.follow.campaign import Campaign, PoseJudgement
 from calib.planning.prediction import PAYS, STEP
-from calib.present.results import document, presentation
+from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Coloured, Paragraph, Presentation, Section, Table, Verdict, pose
 from calib.rendering.colours import BAD, DOUBT, GOOD
 
+_NAMES = 5  # that are told of many
 _MISSES = 1.5  # residual over the noise, from which the model misses something
-_COLOURS = {"good": GOOD, "doubtful": DOUBT, "repeat": BAD}
+_COLOURS = {"good": GOOD, "doubtful": DOUBT, "repeat": BAD, "unknown": BAD}
+_WHY = {
+    "not seen": "the instrument saw no target; free the line of sight and measure it again",
+    "not in poses.csv": "is of no pose that poses.csv has (yet)",
+    "not compared": "found{own}; not compared yet: {why_no_fit}",
+    "uncertain": "found, but its sigma of {sigma} is far above the others'; repeat it",
+    "no target": "{failure}",
+    "unreadable": "{failure}; export the scan again",
+    "off": "{off}; measure it once more, and check its joint values",
+    "": "found{own}, {off}",
+}
 
 
 @presentation.register
@@ -34,26 +41,18 @@ def _campaign(campaign: Campaign) -> Presentation:
 
 def campaign_head(campaign: Campaign, tolerance_mm: float | None = None) -> list[Block]:
     """Blocks on the campaign so far: how many poses are good, the predicted error, what to measure next."""
-    judged = list(campaign.judged.values())
-    doubtful = [j.pose for j in judged if j.state == "doubtful"]
-    again = [j.pose for j in judged if j.state == "repeat"]
-    told = f"{len(campaign.good)} of {numbers.count(len(judged), 'pose')} good"
-    told += f", doubtful: {numbers.listing(doubtful)}" if doubtful else ""
-    told += f", to repeat: {numbers.listing(again)}" if again else ""
-    blocks: list[Block] = [Verdict(f"{told}.", GOOD if not doubtful and not again else DOUBT)]
-    blocks += [Paragraph(moved_sentence(campaign.off_since))] if campaign.off_since else []
-    blocks += [Paragraph(f"{unknown_sentence(campaign.unknown)}.")] if campaign.unknown else []
+    good, doubtful, again = (campaign.in_state(state) for state in ("good", "doubtful", "repeat"))
+    told = f"{len(good)} of {numbers.count(len(good) + len(doubtful) + len(again), 'pose')} good"
+    for what, names in (
+        ("doubtful", doubtful), ("to repeat", again), ("of no pose that poses.csv has (yet)", campaign.unknown)
+    ):  # fmt: skip
+        told += f"; {what}: {numbers.listing(numbers.first_of(names, _NAMES))}" if names else ""
     sentences = outlook_sentences(campaign, tolerance_mm)
-    return [*blocks, *[Paragraph(sentence) for sentence in sentences]]
-
-
-_NAMES = 5  # that are told of many
-
-
-def unknown_sentence(unknown: Sequence[str]) -> str:
-    """Sentence, without its full stop, on what was measured of poses that poses.csv does not have."""
-    are = "is" if len(unknown) == 1 else "are"
-    return f"{numbers.listing(numbers.first_of(unknown, _NAMES))} {are} of no pose that poses.csv has (yet)"
+    return [
+        Verdict(f"{told}.", GOOD if len(good) == len(campaign.judged) else DOUBT),
+        *([Paragraph(moved_sentence(campaign.off_since))] if campaign.off_since else []),
+        *map(Paragraph, sentences),
+    ]
 
 
 def latest_first(campaign: Campaign) -> Table:
@@ -71,31 +70,16 @@ def judgement_line(campaign: Campaign, judged: PoseJudgement) -> str:
 
 def _said(campaign: Campaign, judged: PoseJudgement) -> str:
     """What is said of a pose, and what to do where it is not good."""
-    own = "" if judged.sigma_mm is None else f", sigma {numbers.length(judged.sigma_mm)}"
-    match judged.reason:
-        case "not seen":
-            return "the instrument saw no target; free the line of sight and measure it again"
-        case "unreadable":
-            return f"{judged.failure}; export the scan again"
-        case "no target":
-            return judged.failure
-        case "not compared":
-            return f"found{own}; not compared yet: {campaign.why_no_fit or 'no fit'}"
-        case "uncertain":
-            return (
-                f"found, but its sigma of {numbers.length(judged.sigma_mm or 0.0)} is far above the others'; repeat it"
-            )
-        case "off":
-            return f"{_off(judged)}; measure it once more, and check its joint values"
-        case _:
-            return f"found{own}, {_off(judged)}" if judged.error_mm is not None else f"found{own}"
-
-
-def _off(judged: PoseJudgement) -> str:
-    assert judged.error_mm is not None
-    assert judged.promised_mm is not None
-    error, promised = numbers.length(judged.error_mm), numbers.length(judged.promised_mm)
-    return f"{error} from what the fit predicts (standard deviation {promised})"
+    sigma, error, promised = (
+        numbers.length(each or 0.0) for each in (judged.sigma_mm, judged.error_mm, judged.promised_mm)
+    )
+    return _WHY[judged.reason].format(
+        own="" if judged.sigma_mm is None else f", sigma {sigma}",
+        sigma=sigma,
+        why_no_fit=campaign.why_no_fit or "no fit",
+        failure=judged.failure,
+        off=f"{error} from what the fit predicts (standard deviation {promised})",
+    )
 
 
 def moved_sentence(since: str) -> str:
@@ -116,13 +100,13 @@ def outlook_sentences(campaign: Campaign, tolerance_mm: float | None = None) -> 
         f"Predicted error at {outlook.region}: {numbers.length(now.geometry_mm)} (90 % of arms: "
         f"{numbers.length(now.low_mm)} to {numbers.length(now.high_mm)}), without a point's noise."
     ]
-    if campaign.is_within(tolerance_mm):
-        assert tolerance_mm is not None
+    if tolerance_mm is not None and campaign.is_enough(tolerance_mm):
         told.append(f"That is within the {numbers.length(tolerance_mm)} asked for.")
-    if campaign.has_enough:
+    if not outlook.next:
+        told.append("All planned poses are measured; inspector plan --add names more.")
+    elif campaign.is_enough():
         told.append(f"More poses no longer pay: {STEP} more of the best lower it by less than {numbers.share(PAYS)}.")
-    if outlook.next:
-        told.append(f"Next: {'; '.join(_next(campaign, n) for n in outlook.next)}.")
+    told += [f"Next: {'; '.join(outlook.next)}."] if outlook.next else []
     missed = _missed(campaign)
     return [*told, missed] if missed else told
 
@@ -141,61 +125,39 @@ def _missed(campaign: Campaign) -> str:
     )
 
 
-def _next(campaign: Campaign, wanted: NextPose) -> str:
-    if wanted.pose is not None:
-        return wanted.pose
-    return "joints " + " ".join(f"{value:.1f}" for value in _joints(campaign.dataset.robot, wanted))
-
-
-def _joints(robot: Robot, wanted: NextPose) -> list[float]:
-    return [in_unit_of(name, float(value)) for name, value in zip(joint_columns(robot), wanted.q, strict=True)]
-
-
 # ---- documents ------------------------------------------------------------------------------------------------------
 
 
 def judgement_document(campaign: Campaign, judged: PoseJudgement, tolerance_mm: float | None = None) -> dict[str, Any]:
     """Document of a pose as it arrived: one line of `inspector follow --json`."""
     return {
-        "pose": judged.pose,
-        "state": judged.state,
+        **keys_of(judged, "pose", "state", "sigma_mm", "error_mm", "promised_mm"),
         "why": _said(campaign, judged),
         "reason": judged.reason or None,
-        "sigma_mm": judged.sigma_mm,
-        "error_mm": judged.error_mm,
-        "promised_mm": judged.promised_mm,
         **_outlook_document(campaign, tolerance_mm),
     }
 
 
-def unknown_document(campaign: Campaign, name: str, tolerance_mm: float | None = None) -> dict[str, Any]:
-    """Document of a name that poses.csv does not have: one line of `inspector follow --json`."""
-    why = {"pose": name, "state": "unknown", "why": unknown_sentence([name]), "reason": "not in poses.csv"}
-    return {**why, **_outlook_document(campaign, tolerance_mm)}
-
-
-def _outlook_document(campaign: Campaign, tolerance_mm: float | None) -> dict[str, Any]:
-    outlook, columns = campaign.outlook, joint_columns(campaign.dataset.robot)
+def _outlook_document(campaign: Campaign, tolerance_mm: float | None = None) -> dict[str, Any]:
+    outlook, poses = campaign.outlook, campaign.dataset.poses
     return {
-        "good": len(campaign.good),
+        "good": len(campaign.in_state("good")),
         "predicted_mm": None if outlook is None else outlook.now.geometry_mm,
         "predicted_90_mm": None if outlook is None else [outlook.now.low_mm, outlook.now.high_mm],
         "region": None if outlook is None else outlook.region,
-        "next": []
-        if outlook is None
-        else [
-            {"pose": n.pose, "setup": n.setup, **dict(zip(columns, _joints(campaign.dataset.robot, n), strict=True))}
-            for n in outlook.next
-        ],
-        "enough": campaign.has_enough or campaign.is_within(tolerance_mm),
-        "off_since": campaign.off_since,
-        "unknown": campaign.unknown,
+        "next": [] if outlook is None else [_next(campaign, poses.index(pose_id)) for pose_id in outlook.next],
+        "enough": campaign.is_enough(tolerance_mm),
+        **keys_of(campaign, "off_since", "unknown"),
     }
+
+
+def _next(campaign: Campaign, row: int) -> dict[str, Any]:
+    poses, columns = campaign.dataset.poses, joint_columns(campaign.dataset.robot)
+    joints = {name: in_unit_of(name, float(q)) for name, q in zip(columns, poses.q[row], strict=True)}
+    return {"pose": poses.ids[row], "setup": str(poses.setup[row]), **joints}
 
 
 @document.register
 def _document(campaign: Campaign) -> dict[str, Any]:
-    return {
-        "poses": [judgement_document(campaign, j) for j in campaign.judged.values()],
-        **_outlook_document(campaign, None),
-    }
+    judged = [judgement_document(campaign, each) for each in campaign.judged.values()]
+    return {"poses": judged, **_outlook_document(campaign)}
