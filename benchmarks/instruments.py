@@ -55,7 +55,7 @@ def _camera(seed: int, folder: Path) -> tuple[Arm, list[str], str]:
     camera_files(shop, seen, folder)
     names = ("--robot", "arm.urdf", "--joints", "joints.csv", "--marker-poses", "marker.csv")
     files = [name if name.startswith("--") else str(folder / name) for name in names]
-    return shop.arm, [*files, "--length-unit", "m"], "pose"
+    return shop.arm, files, "pose"
 
 
 ON_THE_BENCH_MM = 300.0

@@ -37,8 +37,8 @@ class FlangePoses:
     columns: tuple[str, ...] = ()  # of a table that they were read from
 
 
-def readings_of(table: UserTable, *, any_form: bool = False) -> list[FlangePoses]:
-    """Every reading of a table's flange poses, the usual ones first. Raises CalibError where there is none.
+def readings_of(table: UserTable, *, any_form: bool = False, what: str = "the flange") -> list[FlangePoses]:
+    """Every reading of a table's poses of something, the usual ones first. Raises CalibError where there is none.
 
     any_form: whether three angles may be meant in any way, whatever their columns are called.
     """
@@ -46,7 +46,7 @@ def readings_of(table: UserTable, *, any_form: bool = False) -> list[FlangePoses
     choices = _by_number(table) if not table.has_header else [] if named is None else [named]
     if not choices:
         raise CalibError(
-            f"{table.path}: line 1: found {', '.join(table.columns[:30])}; poses of the flange are x, y, z with "
+            f"{table.path}: line 1: found {', '.join(table.columns[:30])}; poses of {what} are x, y, z with "
             "rx, ry, rz, with a, b, c, with roll, pitch, yaw, or with qx, qy, qz, qw"
         )
     if any_form:
@@ -54,7 +54,7 @@ def readings_of(table: UserTable, *, any_form: bool = False) -> list[FlangePoses
     found = [one for columns in choices for one in _readings(table, columns)]
     if len(table) > 1 and found and not np.ptp(found[0].base_T_flange, axis=0).any():
         raise CalibError(
-            f"{table.path}: the flange stands at one pose in all {len(table)} rows: nothing can be learned from them; "
+            f"{table.path}: {what} stands at one pose in all {len(table)} rows: nothing can be learned from them; "
             "log its pose anew at each measurement"
         )
     return found
@@ -126,7 +126,7 @@ def _readings(table: UserTable, columns: FlangeColumns) -> list[FlangePoses]:
     unit, place = split_unit(columns.place[0])[1], numbers(columns.place)
     if faults:
         raise CalibError("\n".join(faults))
-    scale, length = _length(unit, place)
+    scale, length = length_of(unit, place)
     if len(columns.attitude) == 4:
         by_name = any("w" in plain(name) for name in columns.attitude)
         orders = ((0, 1, 2, 3),) if by_name else ((0, 1, 2, 3), (3, 0, 1, 2))
@@ -153,7 +153,7 @@ def _readings(table: UserTable, columns: FlangeColumns) -> list[FlangePoses]:
     ]
 
 
-def _length(unit: str, place: Array) -> tuple[float, str]:
+def length_of(unit: str, place: Array) -> tuple[float, str]:
     """Factor of places to mm, and the unit's name: by the column's name, else by the arm's reach."""
     unit = unit if unit in LENGTHS_MM else "m" if np.abs(place).max() < _REACH_M else "mm"
     return LENGTHS_MM[unit], unit
@@ -168,7 +168,7 @@ def _of_matrices(numbers: Array, used: tuple[str, ...]) -> list[FlangePoses]:
         rotation = matrix[:, :3, :3]
         is_whole = np.allclose(matrix[:, 3:], [0.0, 0.0, 0.0, 1.0], atol=1e-6)  # of rows of 16
         if is_whole and np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max() < 1e-2:
-            scale, length = _length("", matrix[:, :3, 3])
+            scale, length = length_of("", matrix[:, :3, 3])
             form = f"its numbers are matrices, {how}, in {length}"
             out.append(FlangePoses(frames.make_transform(rotation, matrix[:, :3, 3] * scale), form, used))
     return out[:1] if len(out) == 2 and np.allclose(out[0].base_T_flange, out[1].base_T_flange) else out

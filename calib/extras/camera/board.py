@@ -16,6 +16,7 @@ _FORMS = (
     "charuco:SQUARESxSQUARES:square_mm:marker_mm, checkerboard:SQUARESxSQUARES:square_mm, "
     "apriltag:TAGSxTAGS:tag_mm:gap_mm (or aruco:...), apriltag:tag_mm (or aruco:...) for a single one"
 )
+_TEXT = re.compile(rf"(?P<kind>{'|'.join(KINDS)}):((?P<counts>\d{{1,4}}x\d{{1,4}}):)?(?P<sizes>\d+\.?\d*(:\d+\.?\d*)*)")
 _MOST = 100  # squares or markers along a side
 _LONGEST_MM = 10_000.0
 
@@ -82,43 +83,26 @@ def board_of(text: str) -> Board:
     >>> board_of("charuco:8x6:30:22").size_mm
     (240.0, 180.0)
     """
-    kind, *parts = text.strip().lower().split(":")
-    if kind not in KINDS:
-        raise _wrong(text, f"no kind of board named {kind!r}")
-    columns = rows = 1
-    if kind in ("aruco", "apriltag") and len(parts) == 1:
-        sizes = [*parts, "0"]
-    else:
-        counts = re.fullmatch(r"(\d{1,4})x(\d{1,4})", parts[0]) if parts else None
-        if counts is None:
-            raise _wrong(text, "the numbers of squares or markers are missing")
-        columns, rows = int(counts[1]), int(counts[2])
-        sizes = parts[1:]
-    needed = 1 if kind == "checkerboard" else 2
-    if len(sizes) != needed:
-        raise _wrong(text, f"found {len(sizes)} sizes in mm, {needed} are needed")
-    values = [_size(text, size) for size in sizes]
-    least = 3 if kind in ("charuco", "checkerboard") else 1
+    found = _TEXT.fullmatch(text.strip().lower())
+    if found is None:
+        raise _wrong(text, "it is not written so")
+    kind, counts, sizes = found["kind"], found["counts"], list(map(float, found["sizes"].split(":")))
+    columns, rows = map(int, counts.split("x")) if counts else (1, 1)
+    is_of_markers = kind in ("aruco", "apriltag")
+    needed = 1 if kind == "checkerboard" or (is_of_markers and not counts) else 2
+    if len(sizes) != needed or (not counts and not is_of_markers):
+        raise _wrong(text, f"found {len(sizes)} sizes in mm, {needed} and the numbers of squares are needed")
+    least = 1 if is_of_markers else 3
     if not least <= min(columns, rows) <= max(columns, rows) <= _MOST:
         raise _wrong(text, f"found {columns} x {rows}, {least} to {_MOST} along a side are needed")
-    square_mm, inner_mm = values[0], (values[1] if len(values) > 1 else 0.0)
-    if square_mm <= 0.0:
+    square_mm, inner_mm = [*sizes, 0.0][:2]
+    if not 0.0 < square_mm <= _LONGEST_MM:
         raise _wrong(text, f"found a size of {square_mm:g} mm")
     if kind == "charuco" and not 0.0 < inner_mm < square_mm:
         raise _wrong(text, f"a marker of {inner_mm:g} mm does not fit into a square of {square_mm:g} mm")
-    if kind in ("aruco", "apriltag") and columns * rows > 1 and inner_mm <= 0.0:
-        raise _wrong(text, "the gap between markers is above 0")
+    if is_of_markers and columns * rows > 1 and not 0.0 < inner_mm <= _LONGEST_MM:
+        raise _wrong(text, f"found a gap of {inner_mm:g} mm")
     return Board(text.strip(), kind, columns, rows, square_mm, inner_mm)
-
-
-def _size(text: str, word: str) -> float:
-    try:
-        value = float(word)
-    except ValueError:
-        raise _wrong(text, f"{word!r} is no size in mm") from None
-    if not 0.0 <= value <= _LONGEST_MM:
-        raise _wrong(text, f"found a size of {value:g} mm")
-    return value
 
 
 def _wrong(text: str, found: str) -> CalibError:

@@ -65,11 +65,6 @@ class BoardHandEye:
         """Poses (N, 4, 4) of the board in the camera's frame, by poses of the flange."""
         return _predicted(base_T_flange, self.parent_T_camera, self.parent_T_board, self.on_flange)
 
-    def distances_mm(self, base_T_flange: Array, camera_T_board: Array) -> Array:
-        """How far each of M poses of the board (M, N) is from where each of N poses of the flange puts it."""
-        off = _errors(self.predicted(base_T_flange)[None], camera_T_board[:, None])
-        return np.asarray(np.linalg.norm(off[0], axis=-1) + _MM_PER_RADIAN * np.linalg.norm(off[1], axis=-1))
-
     def agrees(self, base_T_flange: Array, camera_T_board: Array) -> BoolArray:
         """(N,) whether poses of the board agree with poses of the flange as the good ones do."""
         off = _errors(self.predicted(base_T_flange), camera_T_board)
@@ -85,8 +80,6 @@ def board_hand_eye(base_T_flange: Array, camera_T_board: Array, *, on_flange: bo
 
     def weighed(unknown: Array, good: BoolArray, sigmas: Array) -> Array:
         error_mm, error_rad = _errors(predicted(unknown), camera_T_board)
-        if len(unknown) > 12:
-            error_mm = error_mm + (1.0 - unknown[12]) * camera_T_board[:, :3, 3]
         return np.concatenate([error_mm[good] / sigmas[0], error_rad[good] / sigmas[1]]).ravel()
 
     unknown, _ = _start(base_T_flange, camera_T_board, on_flange)
@@ -99,21 +92,28 @@ def board_hand_eye(base_T_flange: Array, camera_T_board: Array, *, on_flange: bo
             break
         unknown = least_squares(weighed, unknown, x_scale="jac", args=(good, sigmas)).x
     error_mm, error_rad = _errors(predicted(unknown), camera_T_board)
-    with_scale = least_squares(weighed, np.append(unknown, 1.0), x_scale="jac", args=(good, sigmas))
-    jacobian = np.asarray(with_scale.jac)
-    columns = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    size = np.linalg.svd(columns[:, :12], compute_uv=False)
-    determined = len(columns) > 12 and size[-1] > _OPEN * size[0]
-    scale, scale_sigma = float(with_scale.x[12]), float("inf")
-    if determined:
-        noise = 2.0 * with_scale.cost / max(len(columns) - 13, 1)
-        apart = jacobian[:, 12] - columns[:, :12] @ np.linalg.lstsq(columns[:, :12], jacobian[:, 12])[0]
-        scale_sigma = float(np.sqrt(noise) / max(np.linalg.norm(apart), 1e-300))
-    scaled_mm = rms_length(with_scale.fun[: 3 * good.sum()].reshape(-1, 3)) * sigmas[0]
-    return BoardHandEye(
-        on_flange, _transform(unknown[:6]), _transform(unknown[6:12]), error_mm, error_rad, good,
-        scale, scale_sigma, scaled_mm, bool(determined),
-    )  # fmt: skip
+    camera, board = _transform(unknown[:6]), _transform(unknown[6:12])
+    moved = (frames.invert(base_T_flange) if on_flange else base_T_flange)[good]
+    scale = _scale(moved, camera_T_board[good, :3, 3] @ camera[:3, :3].T)
+    return BoardHandEye(on_flange, camera, board, error_mm, error_rad, good, *scale)
+
+
+def _scale(moved: Array, seen_mm: Array) -> tuple[float, float, float, bool]:
+    """Scale s of lengths with its sigma, the errors' root mean square with it, mm, and whether the poses determine it.
+
+    With the camera's attitude as it was found, R_A t_X + t_A = s seen + t_Y is linear in s and in both places.
+    moved: A, poses (N, 4, 4) of what moves against what does not. seen_mm: the board's (N, 3), along the parent's axes.
+    """
+    ones = np.broadcast_to(np.eye(3), (len(moved), 3, 3))
+    columns = np.concatenate([moved[:, :3, :3], -ones, -seen_mm[:, :, None]], axis=2).reshape(-1, 7)
+    size, shifts = np.linalg.norm(columns, axis=0), -moved[:, :3, 3].ravel()
+    found, _, rank, _ = np.linalg.lstsq(columns / size, shifts, rcond=_OPEN)
+    left = (columns / size) @ found - shifts
+    sigma = float("inf")
+    if determined := bool(rank == len(size) < len(left)):
+        variance = float(left @ left) / (len(left) - len(size))
+        sigma = float(np.sqrt(variance * np.linalg.inv(columns.T @ columns)[-1, -1]))
+    return float(found[-1] / size[-1]), sigma, rms_length(left.reshape(-1, 3)), determined
 
 
 def misfit_mm(base_T_flange: Array, camera_T_board: Array, *, on_flange: bool, most: float = MOST) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
-from calib.extras.camera.board import board_of
 from calib.extras.camera.board_hand_eye import BoardHandEye, board_hand_eye
 from calib.extras.camera.lens import Lens, project
 from calib.extras.camera.observed import camera_of
@@ -31,13 +30,9 @@ class BoardInImage:
     placed: BoardHandEye
     least_cosine: float = 0.0  # of the tilt against the line of sight
 
-    def camera_T_board(self, base_T_flange: Array) -> Array:
-        """Poses (N, 4, 4) of the board in the camera's frame, by poses of the flange."""
-        return self.placed.predicted(base_T_flange)
-
     def cosines(self, base_T_flange: Array) -> Array:
         """Cosines (N,) of the board's tilt against the line of sight; below 0 where its back is seen."""
-        at = self.camera_T_board(base_T_flange)
+        at = self.placed.predicted(base_T_flange)
         return np.sum(at[:, :3, 2] * at[:, :3, 3], axis=1) / np.linalg.norm(at[:, :3, 3], axis=1)
 
     def too_steep(self, base_T_flange: Array) -> BoolArray:
@@ -55,7 +50,7 @@ class BoardInImage:
 
     def shows_all(self, base_T_flange: Array) -> BoolArray:
         """(N,) whether the whole board is in the image."""
-        at = self.camera_T_board(base_T_flange)
+        at = self.placed.predicted(base_T_flange)
         seen_mm = np.einsum("nij,kj->nki", at[:, :3, :3], self.outline_mm) + at[:, None, :3, 3]
         before = np.all(seen_mm[:, :, 2] > 1.0, axis=1)
         pixels = project(self.lens, np.where(before[:, None, None], seen_mm, [0.0, 0.0, 1.0]))
@@ -70,8 +65,6 @@ class BoardInImage:
 def board_in_image(dataset: Dataset, setup: str) -> BoardInImage | None:
     """Board and camera of a dataset as its own table has them; None without images, or where these show parts.
 
-    Where the board's rim was out of some images, all of its corners are to be seen.
-
     setup: which placement of the camera.
     """
     camera, points, robot = camera_of(dataset), dataset.points, dataset.robot
@@ -83,11 +76,10 @@ def board_in_image(dataset: Dataset, setup: str) -> BoardInImage | None:
     flange = nominal_chain(robot, dataset.poses.q[points.pose]).base_T_flange
     seen = frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
     placed = board_hand_eye(flange, seen, on_flange=robot.carries_scanner)
-    inner_mm = 2.0 * np.abs(camera.board_mm[:, :2]).max(axis=0)
-    for size_mm in (board_of(camera.board).size_mm if camera.board else inner_mm, inner_mm):
-        x, y = (side.ravel() for side in np.meshgrid(_ALONG_EDGES * size_mm[0], _ALONG_EDGES * size_mm[1]))
-        found = BoardInImage(camera.lens, np.column_stack([x, y, np.zeros(len(x))]), placed)
-        if np.mean(~found.shows_all(flange)) <= _MOST_REFUSED:
-            steepest = float(np.arccos(np.clip(found.cosines(flange).min(), -1.0, 1.0)))
-            return replace(found, least_cosine=float(np.cos(min(steepest + np.radians(_MORE_TILT_DEG), np.pi / 2))))
-    return None
+    width_mm, height_mm = 2.0 * np.abs(camera.board_mm[:, :2]).max(axis=0)  # of all corners
+    x, y = (side.ravel() for side in np.meshgrid(_ALONG_EDGES * width_mm, _ALONG_EDGES * height_mm))
+    found = BoardInImage(camera.lens, np.column_stack([x, y, np.zeros(len(x))]), placed)
+    if np.mean(~found.shows_all(flange)) > _MOST_REFUSED:
+        return None
+    steepest = float(np.arccos(np.clip(found.cosines(flange).min(), -1.0, 1.0)))
+    return replace(found, least_cosine=float(np.cos(min(steepest + np.radians(_MORE_TILT_DEG), np.pi / 2))))

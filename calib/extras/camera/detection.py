@@ -17,7 +17,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.errors import CalibError
-from calib.extras.camera.board import Board, board_of
+from calib.extras.camera.board import Board
 from calib.extras.camera.lens import FREE_NAMES, Lens, opencv, project
 from calib.extras.camera.marker_corners import refined_corners
 from calib.extras.camera.observed import IMAGE_SUFFIXES
@@ -32,7 +32,8 @@ _FEWEST_VIEWS = 8  # for a lens that is found
 _REFINED_OVER = 0.28  # of a square's side, half the window about a corner of a checkerboard
 _SETTLED = (3, 60, 1e-4)  # of cornerSubPix: at most 60 rounds, until a corner moves by less, pixels
 _FEW_SHOW = 0.3  # share of the images
-_TRIED = 6  # images in which dictionaries are compared
+_TRIED = 6  # images in which dictionaries are compared, and by which it is told that none shows the board
+_PART = (3, 3)  # inner corners, from which a whole checkerboard is counted
 _COMPARED_PX = 1600  # longest side of these
 _SOUGHT_PX = 1200  # longest side of an image in which a checkerboard is sought
 _ORDERED_BY = 3  # markers of an image that tells their order on the board
@@ -48,6 +49,12 @@ _FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with 
 _FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
 _SAME_RAD = 1e-3  # turns by less are one
 _TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
+
+
+Finder = Callable[[Array], tuple[IndexArray, Array]]
+"""Function that finds corners in an image: their numbers on the board (N,) and pixels (N, 2)."""
+Markers = list[tuple[int, Array]]
+"""Numbers of markers in an image, and the corners (4, 2) of each, clockwise."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +74,7 @@ def image_files(folder: Path) -> dict[str, Path]:
         raise CalibError(f"--images {folder}: no such folder of images")
     found = [path for path in folder.iterdir() if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES]
     if not found:
-        phone = any(path.suffix.lower() in (".heic", ".heif") for path in folder.iterdir())
-        then = "; save its HEIC images as JPEG" if phone else ""
-        raise CalibError(f"--images {folder}: holds no image ({', '.join(IMAGE_SUFFIXES)}){then}")
+        raise CalibError(f"--images {folder}: holds no image ({', '.join(IMAGE_SUFFIXES)})")
     twice = [stem for stem, count in Counter(path.stem for path in found).items() if count > 1]
     if twice:
         raise CalibError(f"--images {folder}: two images are named {twice[0]!r}; an image a pose is needed")
@@ -81,34 +86,31 @@ def detect(
 ) -> Detected:
     """Corners of a board in images, each named by its pose; images that cannot be read or of another size are left out.
 
-    `on_progress` is called with (done, total, file name) after each image. Raises CalibError where most images have no
-    common size, or none shows the board.
+    `on_progress` is called with (done, total, file name) after each image. Raises CalibError where none shows it.
     """
     cv2 = opencv()
-    pictures, size_px, left_out = _pictures(cv2, images)
-    finder, notes = _finder(cv2, board, dictionary, pictures)
+    folder = next(iter(images.values())).parent
+    pictures, left_out = _pictures(cv2, images, folder)
+    tried = list(pictures.values())[:: max(1, len(pictures) // _TRIED)][:_TRIED]
+    finder, notes = _finder(cv2, board, dictionary, tried)
     fewest = _OF_MARKER if board.is_single else min(_FEWEST, len(board.corners_mm))
+    seen = [len(finder(picture)[0]) for picture in tried]
+    if sum(count >= fewest for count in seen) < _FEW_SHOW * len(tried):  # or a part of a larger board was taken for it
+        _require_other_count(cv2, board, folder, tried)
+        if max(seen) < fewest:
+            raise CalibError(_nothing_seen(board, finder, folder, tried, max(seen)))
     views = []
-    most = 0
     for done, (name, picture) in enumerate(pictures.items(), 1):
         number, pixels = finder(picture)
         if on_progress is not None:
             on_progress(done, len(pictures), images[name].name)
-        most = max(most, len(number))
         if len(number) < fewest or _on_one_line(board.corners_mm[number]):
-            none = f"does not show the {'whole ' if board.kind == 'checkerboard' else ''}board"
             few_seen = f"shows {len(number)} corners, of which no pose follows"
-            left_out[images[name].name] = few_seen if len(number) else none
+            left_out[images[name].name] = few_seen if len(number) else "does not show the board"
             continue
         views.append(View(name, number, board.corners_mm[number], pixels))
-    folder = next(iter(images.values())).parent
-    # A part of a larger checkerboard may have been taken for the whole.
-    few = board.kind == "checkerboard" and len(views) < _FEW_SHOW * len(pictures)
-    if (few or not views) and (told := _counted_otherwise(cv2, board, folder, pictures)) is not None:
-        raise CalibError(told)
-    if not views:
-        raise CalibError(_nothing_seen(board, finder, folder, pictures, most))
-    return Detected(board, size_px, tuple(views), left_out, notes)
+    height, width = tried[0].shape
+    return Detected(board, (width, height), tuple(views), left_out, notes)
 
 
 def measured_images(
@@ -146,33 +148,23 @@ def _with_refined_corners(path: Path, view: View, lens: Lens) -> View:
     return replace(view, pixels=pixels)
 
 
-def _pictures(cv2: ModuleType, images: Mapping[str, Path]) -> tuple[dict[str, Array], tuple[int, int], dict[str, str]]:
-    """Grey images of the size that most have, that size, and why others are left out. Raises CalibError."""
-    pictures: dict[str, Array] = {}
-    left_out = {}
-    for name, path in images.items():
-        picture = _picture_of(cv2, path)
+def _pictures(cv2: ModuleType, images: Mapping[str, Path], folder: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    """Grey images of the size that most have, and why others are left out, by their files' names. Raises CalibError."""
+    read = {name: _picture_of(cv2, path) for name, path in images.items()}
+    sizes = Counter(picture.shape for picture in read.values() if picture is not None)
+    if not sizes:
+        raise CalibError(f"--images {folder}: none of them can be read as an image; save them anew")
+    (height, width), _ = sizes.most_common(1)[0]
+    pictures, left_out = {}, {}
+    for name, picture in read.items():
         if picture is None:
-            left_out[path.name] = "cannot be read as an image"
+            left_out[images[name].name] = "cannot be read as an image"
+        elif picture.shape != (height, width):
+            found = f"has {picture.shape[1]} x {picture.shape[0]} pixels"
+            left_out[images[name].name] = f"{found}, most have {width} x {height}; one camera, one resolution"
         else:
             pictures[name] = picture
-    if not pictures:
-        raise CalibError(
-            f"{next(iter(images.values()))}: cannot be read as an image, nor can any other; save them anew"
-        )
-    sizes = Counter((picture.shape[1], picture.shape[0]) for picture in pictures.values())
-    (size_px, count), *others = sizes.most_common()
-    if 2 * count <= len(pictures) and others:
-        (width, height), _ = others[0]
-        raise CalibError(
-            f"--images {next(iter(images.values())).parent}: {count} images of {size_px[0]} x {size_px[1]} pixels, and "
-            f"others of {width} x {height}; all images of a dataset come from one camera at one resolution"
-        )
-    for name, picture in list(pictures.items()):
-        if (width := picture.shape[1], height := picture.shape[0]) != size_px:
-            left_out[images[name].name] = f"has {width} x {height} pixels, most have {size_px[0]} x {size_px[1]}"
-            del pictures[name]
-    return pictures, size_px, left_out
+    return pictures, left_out
 
 
 def _picture_of(cv2: ModuleType, path: Path) -> Array | None:
@@ -186,12 +178,9 @@ def _picture_of(cv2: ModuleType, path: Path) -> Array | None:
     return None if picture is None else np.asarray(picture)
 
 
-Finder = Callable[[Array], tuple[IndexArray, Array]]
-
-
-def _nothing_seen(board: Board, finder: Finder, folder: Path, pictures: Mapping[str, Array], most: int) -> str:
+def _nothing_seen(board: Board, finder: Finder, folder: Path, pictures: Sequence[Array], most: int) -> str:
     """What to say where no image shows enough of the board."""
-    mirrored = (np.ascontiguousarray(picture[:, ::-1]) for picture in pictures.values())
+    mirrored = (np.ascontiguousarray(picture[:, ::-1]) for picture in pictures)
     if board.kind != "checkerboard" and any(len(finder(picture)[0]) > max(most, 3) for picture in mirrored):
         return (
             f"--images {folder}: the images are mirrored: the board {board.text} is seen in their mirror images; "
@@ -205,26 +194,32 @@ def _nothing_seen(board: Board, finder: Finder, folder: Path, pictures: Mapping[
     )
 
 
-def _counted_otherwise(cv2: ModuleType, board: Board, folder: Path, pictures: Mapping[str, Array]) -> str | None:
-    """What to say where images show other counts of squares, as where inner corners or rows first were given."""
-    if board.kind not in ("charuco", "checkerboard"):
-        return None
-    columns, rows = board.columns, board.rows
-    kind, _, sizes = board.text.split(":", 2)
-    some = list(pictures.values())[:: max(1, len(pictures) // _TRIED)]
-    for one, two in ((columns + 1, rows + 1), (rows, columns), (rows + 1, columns + 1)):
-        try:
-            other = board_of(f"{kind}:{one}x{two}:{sizes}")
-            finder = _finder(cv2, other, None, pictures)[0]
-        except CalibError:
-            continue
-        fewest = min(_FEWEST, len(other.corners_mm) // 2)
-        if sum(len(finder(picture)[0]) >= fewest for picture in some) > len(some) // 3:
-            return (
-                f"--images {folder}: the images show {one} x {two} squares, not {columns} x {rows}: give the squares "
-                f"of a row and of a column, not their inner corners, by --board {other.text}"
-            )
-    return None
+def _require_other_count(cv2: ModuleType, board: Board, folder: Path, pictures: Sequence[Array]) -> None:
+    """Raise CalibError where images show other counts of squares, as where inner corners or rows first were given."""
+    counts: Counter[tuple[int, int]] = Counter()
+    if board.kind == "checkerboard":
+        for picture in pictures:
+            small = _shrunk(cv2, picture, _SOUGHT_PX)
+            seen, _, meta = cv2.findChessboardCornersSBWithMeta(small, _PART, cv2.CALIB_CB_LARGER)
+            if seen and meta.shape != _PART:
+                long, short = sorted((meta.shape[0] + 1, meta.shape[1] + 1), reverse=True)
+                counts[(long, short) if board.columns >= board.rows else (short, long)] += 1
+    elif board.kind == "charuco":
+        name = _dictionary(cv2, board, _DICTIONARIES[board.kind], pictures)
+        markers = _markers(cv2, name)
+        half = 1 + max((number for picture in pictures for number, _ in markers(picture)), default=-1)
+        for columns in range(3, half):
+            for rows in {2 * half // columns, (2 * half + 1) // columns}:
+                if columns * rows // 2 == half and rows >= 3:
+                    finder = _charuco_finder(cv2, replace(board, columns=columns, rows=rows), name, legacy=False)
+                    counts[columns, rows] = sum(len(finder(picture)[0]) for picture in pictures)
+    (columns, rows), most = next(iter(counts.most_common(1)), ((0, 0), 0))
+    if most and (columns, rows) != (board.columns, board.rows):
+        kind, _, sizes = board.text.split(":", 2)
+        raise CalibError(
+            f"--images {folder}: the images show {columns} x {rows} squares, not {board.columns} x {board.rows}: give "
+            f"the squares of a row and of a column, not their inner corners, by --board {kind}:{columns}x{rows}:{sizes}"
+        )
 
 
 def _on_one_line(board_mm: Array) -> bool:
@@ -234,7 +229,7 @@ def _on_one_line(board_mm: Array) -> bool:
 
 
 def _finder(
-    cv2: ModuleType, board: Board, dictionary: str | None, pictures: Mapping[str, Array]
+    cv2: ModuleType, board: Board, dictionary: str | None, tried: Sequence[Array]
 ) -> tuple[Finder, tuple[str, ...]]:
     """Function that finds the board's corners in an image, and notes on what was chosen."""
     if board.kind == "checkerboard":
@@ -246,54 +241,50 @@ def _finder(
                 "take a board with an odd number of squares along one side and an even one along the other"
             )
         return _checkerboard(cv2, board), ()
-    names = _DICTIONARIES[board.kind] if dictionary is None else (_plain_name(dictionary),)
-    for name in names:
+    notes: tuple[str, ...] = ()
+    if dictionary is None:
+        name = _dictionary(cv2, board, _DICTIONARIES[board.kind], tried)
+        notes = (f"{board.text}: its markers are of DICT_{name}, by the images",)
+    else:
+        name = dictionary.removeprefix("DICT_")
         if not hasattr(cv2.aruco, f"DICT_{name}"):
             known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
             raise CalibError(f"--dictionary {dictionary}: no such dictionary; there are {', '.join(known)}")
-    tried = list(pictures.values())[:: max(1, len(pictures) // _TRIED)][:_TRIED]
-    if board.is_single:
-        return _single_marker(cv2, board, dictionary, names, tried)
-    name, legacy, notes = _dictionary(cv2, board, dictionary, names, tried)
     if board.kind == "charuco":
-        return _charuco_finder(cv2, board, name, legacy), notes
+        finders = [_charuco_finder(cv2, board, name, legacy) for legacy in (False, True)[: 2 - board.rows % 2]]
+        seen = [sum(len(finder(picture)[0]) for picture in tried) for finder in finders]
+        legacy = int(np.argmax(seen))
+        return finders[legacy], (*notes, *[f"{board.text}: in the pattern that OpenCV had before 4.6"] * legacy)
+    if board.is_single:
+        sides: Counter[int] = Counter()
+        for picture in tried:
+            sides.update({number: round(_side_px(four)) for number, four in _markers(cv2, name)(picture)})
+        ((meant, _),) = sides.most_common(1) or [(0, 0)]
+        if len(sides) > 1:
+            notes += (f"{board.text}: it is marker {meant}, the largest in most images; others are seen too",)
+        return _marker_finder(cv2, board, name, meant), notes
     finder = _marker_finder(cv2, board, name)
     order, note = _order_on_board(cv2, board, [finder(picture) for picture in tried])
     return (lambda picture: _renumbered(finder(picture), order)), (*notes, *note)
 
 
-def _dictionary(
-    cv2: ModuleType, board: Board, dictionary: str | None, names: Sequence[str], tried: Sequence[Array]
-) -> tuple[str, bool, tuple[str, ...]]:
-    """Name of the dictionary by which most of the board is seen, whether in the old pattern, and notes on it."""
-    best, most = (names[0], False), 0
-    small = [_shrunk(cv2, picture, _COMPARED_PX) for picture in tried]
-    for pictures in (small, tried):
+def _dictionary(cv2: ModuleType, board: Board, names: Sequence[str], tried: Sequence[Array]) -> str:
+    """Name of the dictionary whose markers fill most of some images."""
+    for pictures in ([_shrunk(cv2, picture, _COMPARED_PX) for picture in tried], tried):
+        filled = {}
         for name in names:
-            for legacy in (False, True) if board.kind == "charuco" and board.rows % 2 == 0 else (False,):
-                if board.kind == "charuco":
-                    finder = _charuco_finder(cv2, board, name, legacy)
-                else:
-                    finder = _marker_finder(cv2, board, name)
-                count = sum(len(finder(picture)[0]) for picture in pictures)
-                if count > most:
-                    best, most = (name, legacy), count
-        if most or all(one is other for one, other in zip(small, tried, strict=True)):
+            seen = [_markers(cv2, name)(picture) for picture in pictures]
+            each = [[_side_px(four) for _, four in markers] for markers in seen]
+            filled[name] = sum(max(sides, default=0.0) if board.is_single else len(sides) for sides in each)
+        if any(filled.values()):
             break
-    name, legacy = best
-    told = f"DICT_{name}" + (", in the pattern that OpenCV had before 4.6" if legacy else "")
-    note = f"{board.text}: its markers are of {told}, by the images" if dictionary is None or legacy else ""
-    return name, legacy, (note,) if note and most else ()
+    return max(filled, key=lambda name: filled[name])
 
 
 def _shrunk(cv2: ModuleType, picture: Array, longest_px: int) -> Array:
     """An image of at most so many pixels along its longest side: photos of many megapixels take long to search."""
     share = longest_px / max(picture.shape)
     return picture if share >= 1.0 else cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
-
-
-def _plain_name(dictionary: str) -> str:
-    return dictionary.removeprefix("DICT_")
 
 
 def _charuco_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> Finder:
@@ -314,20 +305,17 @@ def _charuco_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> F
     return finder
 
 
-def _markers(cv2: ModuleType, name: str) -> Callable[[Array], list[tuple[int, Array]]]:
-    """Function that finds the markers of a dictionary in an image: number and corners (4, 2), clockwise."""
+def _markers(cv2: ModuleType, name: str) -> Callable[[Array], Markers]:
+    """Function that finds the markers of a dictionary in an image."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
     detector = cv2.aruco.ArucoDetector(dictionary, parameters)
 
-    def markers(picture: Array) -> list[tuple[int, Array]]:
+    def markers(picture: Array) -> Markers:
         corners, ids, _ = detector.detectMarkers(picture)
-        numbers = [] if ids is None else ids.ravel().tolist()
-        return [
-            (number, np.asarray(four, dtype=float).reshape(4, 2))
-            for number, four in zip(numbers, corners, strict=False)
-        ]
+        found = [] if ids is None else ids.ravel().tolist()
+        return [(one, np.asarray(four, dtype=float).reshape(4, 2)) for one, four in zip(found, corners, strict=False)]
 
     return markers
 
@@ -349,29 +337,6 @@ def _marker_finder(cv2: ModuleType, board: Board, name: str, meant: int | None =
     return finder
 
 
-def _single_marker(
-    cv2: ModuleType, board: Board, dictionary: str | None, names: Sequence[str], tried: Sequence[Array]
-) -> tuple[Finder, tuple[str, ...]]:
-    """Finder of the marker that is largest in most images, of any of some dictionaries, and notes on the choice."""
-    sides: dict[tuple[str, int], float] = {}
-    for name in names:
-        markers = _markers(cv2, name)
-        for picture in tried:
-            largest: dict[int, float] = {}
-            for number, four in markers(picture):
-                largest[number] = max(largest.get(number, 0.0), _side_px(four))
-            for number, side in largest.items():
-                sides[name, number] = sides.get((name, number), 0.0) + side
-    if not sides:
-        return _marker_finder(cv2, board, names[0]), ()
-    name, meant = max(sides, key=lambda one: sides[one])
-    notes = [f"{board.text}: its marker is of DICT_{name}, by the images"] if dictionary is None else []
-    others = sum(one == name for one, _ in sides) - 1
-    if others:
-        notes.append(f"{board.text}: it is marker {meant}, the largest in most images; {others} others are seen too")
-    return _marker_finder(cv2, board, name, meant), tuple(notes)
-
-
 def _side_px(four: Array) -> float:
     """Mean length of the sides of a marker's corners (4, 2), pixels."""
     return float(np.mean(np.linalg.norm(four - np.roll(four, 1, axis=0), axis=1)))
@@ -386,36 +351,31 @@ def _order_on_board(
     of a wrong order lie on no plane: a homography misses them by a good part of a marker's side.
     """
     usual = np.arange(4 * board.columns * board.rows)
-    views = [(number, pixels) for number, pixels in seen if len(number) >= 4 * _ORDERED_BY]
-    if not views:
-        return usual, ()
-    misfit, orders = {}, {}
     rows, columns = np.divmod(usual // 4, board.columns)
+    misfit = {}
     for upwards in (False, True):
         row = board.rows - 1 - rows if upwards else rows
         for quarters in range(4):
             order = 4 * (row * board.columns + columns) + (usual % 4 + quarters) % 4
-            orders[upwards, quarters] = order
-            misfit[upwards, quarters] = float(
-                np.median([_plane_misfit(cv2, board.corners_mm[order[number], :2], pixels) for number, pixels in views])
-            )
-    best = min(misfit, key=lambda one: misfit[one])
-    if misfit[False, 0] < _OTHER_ORDER * misfit[best]:
+            off = [
+                _plane_misfit(cv2, board.corners_mm[order[number], :2], pixels)
+                for number, pixels in seen
+                if len(number) >= 4 * _ORDERED_BY
+            ]
+            misfit[upwards, quarters] = float(np.median(off or [0.0])), order
+    best = min(misfit, key=lambda one: misfit[one][0])
+    if misfit[False, 0][0] <= _OTHER_ORDER * misfit[best][0]:
         return usual, ()
     upwards, quarters = best
     words = ["the rows of its markers are counted from the bottom"] * upwards
     words += [f"its markers are turned by {90 * quarters}° against OpenCV's"] * (quarters > 0)
-    return orders[best], (f"{board.text}: {' and '.join(words)}, by the images",)
+    return misfit[best][1], (f"{board.text}: {' and '.join(words)}, by the images",)
 
 
 def _plane_misfit(cv2: ModuleType, board_mm: Array, pixels: Array) -> float:
-    """Root mean square by which a homography of the board's plane misses corners, in sides of a marker."""
+    """Root mean square by which a homography of the board's plane misses corners, pixels."""
     matrix, _ = cv2.findHomography(board_mm, pixels, 0)
-    if matrix is None:
-        return float("inf")
-    missed = cv2.perspectiveTransform(board_mm[None], matrix)[0] - pixels
-    side = float(np.mean([_side_px(four) for four in pixels.reshape(-1, 4, 2)]))
-    return rms_length(missed) / side
+    return np.inf if matrix is None else rms_length(cv2.perspectiveTransform(board_mm[None], matrix)[0] - pixels)
 
 
 def _renumbered(found: tuple[IndexArray, Array], order: IndexArray) -> tuple[IndexArray, Array]:
@@ -528,20 +488,18 @@ def _without_bad_corners(
     most_px = _FAR_OFF * max(mad_sigma(np.concatenate([one.error_px.ravel() for one in poses])), 1e-6)
     kept, hopeless = [], []
     for one in poses:
-        view, fewest = one.view, max(_FEWEST, len(one.view.corner) // 2)
-        if len(view.corner) <= _OF_MARKER:
-            kept.append(view)
-            continue
-        while (far_px := np.linalg.norm(one.error_px, axis=1)).max() > most_px:
+        view, fewest = whole[one.view.pose], max(_FEWEST, len(one.view.corner) // 2)
+        while len(one.view.corner) > _OF_MARKER and (far_px := np.linalg.norm(one.error_px, axis=1)).max() > most_px:
             good = far_px <= max(most_px, _FARTHEST * float(far_px.max()))
             if good.sum() < fewest:
                 hopeless.append(view.pose)
                 break
             one = pose_of_view(lens, one.view.select(good), one.camera_T_board)
         else:
-            view, pose = whole[view.pose], one.camera_T_board
-            off_px = view.pixels - project(lens, view.board_mm @ pose[:3, :3].T + pose[:3, 3])
-            kept.append(view.select(np.linalg.norm(off_px, axis=1) <= most_px))
+            at = one.camera_T_board
+            off_px = view.pixels - project(lens, view.board_mm @ at[:3, :3].T + at[:3, 3])
+            near = np.linalg.norm(off_px, axis=1) <= most_px
+            kept.append(view.select(near) if len(view.corner) > _OF_MARKER else view)
     return kept, hopeless
 
 

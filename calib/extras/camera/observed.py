@@ -2,8 +2,8 @@
 
 It stands in [camera] of dataset.toml and in views.csv, which has a row a corner: `pose`, `corner` (its number on the
 board), `board_x_mm`, `board_y_mm` (its place on the board, about the board's middle, x to the right and y down the
-printed page), `u_px`, `v_px` (in the image, the middle of the first pixel being 0, 0), and of a bent board
-`board_z_mm`, behind the printed plane. points.csv holds what follows from them: the board's pose at each pose.
+printed page), `u_px`, `v_px` (in the image, the middle of the first pixel being 0, 0). points.csv holds what follows
+from them: the board's pose at each pose.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".pp
 """Suffixes, in lower case, of the images that are read."""
 _VIEWS_FILE = "views.csv"
 _COLUMNS = ("board_x_mm", "board_y_mm", "u_px", "v_px")
-_HEIGHT = "board_z_mm"
 _IN_PIXELS = 4  # of a lens's numbers
 _LARGEST_PX = 1e6
 _MOST_SIGMA_PX = 1e3
@@ -89,8 +88,6 @@ class CameraViews(Brief):
         columns = {"pose": self.pose, "corner": self.corner}
         values = np.column_stack([self.board_mm[:, :2], self.pixels])
         columns |= {name: values[:, k] for k, name in enumerate(_COLUMNS)}
-        if np.any(self.board_mm[:, 2]):
-            columns[_HEIGHT] = self.board_mm[:, 2]
         write_text_atomically(folder / _VIEWS_FILE, frame_csv(pd.DataFrame(columns)))
 
     def _brief(self) -> str:
@@ -118,7 +115,6 @@ def load_camera(table: TomlTable, folder: Path, poses: Poses) -> CameraViews | N
         if pose_id not in poses.ids:
             raise file.error(row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose")
     values = file.numbers(["corner", *_COLUMNS])
-    height = file.numbers([_HEIGHT]) if _HEIGHT in file else np.zeros((len(values), 1))
     images = table.text("images")
     if images is not None:
         inside(folder, images, table, "images")
@@ -128,7 +124,7 @@ def load_camera(table: TomlTable, folder: Path, poses: Poses) -> CameraViews | N
         sigma_px=sigma_px,
         pose=tuple(ids),
         corner=values[:, 0].astype(np.int64),
-        board_mm=np.column_stack([values[:, 1:3], height]),
+        board_mm=np.column_stack([values[:, 1:3], np.zeros(len(values))]),
         pixels=values[:, 3:5],
         lens_from=table.text("lens_from", "") or "",
         images=images,

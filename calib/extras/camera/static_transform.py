@@ -1,4 +1,4 @@
-"""A fixed transform, such as that of a camera, as ROS takes it: YAML, launch files and the command line of tf.
+"""A fixed transform, such as that of a camera, as ROS takes it: YAML with the command line of tf, and JSON.
 
 Lengths are metres and quaternions x, y, z, w, as everywhere in ROS. The camera's frame is the optical one (z along the
 sight, x right, y down).
@@ -17,7 +17,7 @@ from calib.array_types import Array
 from calib.errors import CalibError, is_one_line
 from calib.frames import quaternion_from_rotation
 
-SUFFIXES = (".yaml", ".launch.py", ".json")
+SUFFIXES = (".yaml", ".json")
 _FORBIDDEN = set("\"'<>&{}[]:#, \t\\")
 
 
@@ -63,12 +63,9 @@ class StaticTransform:
 
 def transform_text(path: Path, transforms: Sequence[StaticTransform]) -> str:
     """Text of a file with transforms, in the form that its suffix names. Raises CalibError for another suffix."""
-    name = path.name.lower()
-    if name.endswith(".launch.py"):
-        return _launch_py(transforms)
-    if name.endswith((".yaml", ".yml")):
+    if path.suffix.lower() in (".yaml", ".yml"):
         return "---\n".join(_yaml(one) for one in transforms)
-    if name.endswith(".json"):
+    if path.suffix.lower() == ".json":
         return json.dumps([_document(one) for one in transforms], indent=2) + "\n"
     raise CalibError(f"{path}: the form follows the suffix: {', '.join(SUFFIXES)}")
 
@@ -100,22 +97,4 @@ def _yaml(one: StaticTransform) -> str:
         f"sigma_mm: [{', '.join(f'{value:.3e}' for value in sigma[:3])}]\n"
         f"turn_sigma_deg: [{', '.join(f'{value:.3e}' for value in np.degrees(sigma[3:]))}]\n"
         f"covariance: [{covariance}]  # 6 x 6, m and rad\n"
-    )
-
-
-def _launch_py(transforms: Sequence[StaticTransform]) -> str:
-    nodes = []
-    for one in transforms:
-        words = one.command.split()[4:]
-        arguments = ", ".join(f'"{word}"' for word in words)
-        nodes.append(
-            '            Node(\n                package="tf2_ros",\n'
-            '                executable="static_transform_publisher",\n'
-            f"                arguments=[{arguments}],\n            ),\n"
-        )
-    return (
-        "from launch import LaunchDescription\nfrom launch_ros.actions import Node\n\n\n"
-        "def generate_launch_description():\n    return LaunchDescription(\n        [\n"
-        + "".join(nodes)
-        + "        ]\n    )\n"
     )

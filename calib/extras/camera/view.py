@@ -143,19 +143,13 @@ def covariance_of(pose: ViewPose, sigma_px: float) -> Array:
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def shared_errors(lens: Lens, poses: Sequence[ViewPose], board_sigma: float = 0.0) -> Array:
-    """Changes (M, 6, K), mm and rad, of the board's poses by one sigma of each of K errors that all of them share.
+def shared_errors(lens: Lens, poses: Sequence[ViewPose]) -> Array:
+    """Changes (M, 6, K), mm and rad, of the board's poses by one sigma of each independent error of the lens.
 
-    They are the independent errors of the lens, unless it is taken as exact, and that of the board's size, with which
-    every place grows; `board_sigma` is a share of the size. Combinations of no influence are left out.
+    All poses share them; there are none of a lens that is taken as exact.
     """
-    changes: Array = np.zeros((len(poses), 6, 0))
-    if lens.covariance is not None and np.any(lens.covariance):
-        used = np.flatnonzero(np.diag(lens.covariance) > 0.0)
-        root = covariance_root(lens.covariance[np.ix_(used, used)])
-        changes = np.stack([one.by_lens[:, used] @ root for one in poses])
-    if board_sigma > 0.0:
-        place = np.stack([one.camera_T_board[:3, 3] for one in poses])
-        grown = board_sigma * np.concatenate([place, np.zeros_like(place)], axis=1)
-        changes = np.concatenate([changes, grown[:, :, None]], axis=2)
-    return changes
+    if lens.covariance is None or not np.any(lens.covariance):
+        return np.zeros((len(poses), 6, 0))
+    used = np.flatnonzero(np.diag(lens.covariance) > 0.0)
+    root = covariance_root(lens.covariance[np.ix_(used, used)])
+    return np.stack([one.by_lens[:, used] @ root for one in poses])

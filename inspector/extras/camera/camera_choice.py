@@ -20,8 +20,7 @@ class CameraAddition(ImportAddition[CameraOptions, ImportOptions]):
         asked = self.asked
         camera = CameraChoice(
             asked.images, asked.board, asked.dictionary, asked.intrinsics, asked.marker_poses,
-            asked.length_unit, asked.mount, self.command.flange_poses,
-            None if asked.board_sigma is None else 0.01 * asked.board_sigma,
+            asked.mount, self.command.flange_poses,
         )  # fmt: skip
         camera.require_consistent()
         return replace(choice, to_measure=CameraImport(camera)) if camera.is_given else choice

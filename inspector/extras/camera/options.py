@@ -13,7 +13,7 @@ class HandEyeOptions:
     """Where the camera is, as a file for ROS."""
 
     hand_eye_out: Path | None = option(
-        "write where the camera is, for ROS: .yaml .launch.py .json; with --residual pose",
+        "write where the camera is, for ROS: .yaml or .json; with --residual pose",
     )
     parent_frame: str | None = option(
         "your robot's name of the frame that carries the camera, such as tool0; of the base: base_link by default",
@@ -40,17 +40,12 @@ class CameraOptions:
         "apriltag:6x6:40:12 (tags, mm of a tag, mm of a gap), apriltag:50 (a single one), aruco:...",
         metavar="KIND:SIZES",
     )
-    board_sigma: float | None = option(
-        "standard deviation of the board's size, 0.1 by a caliper over all of it (default: taken as exact)",
-        metavar="PERCENT",
-    )
     dictionary: str | None = option("of the markers, such as DICT_4X4_50 (default: by the images)", metavar="NAME")
     intrinsics: Path | None = option(
         "the lens: ROS camera_info.yaml, OpenCV's YAML, XML or JSON (default: found from the images)"
     )
     marker_poses: Path | None = option(
-        "poses of a marker in the camera's frame that another program measured: CSV, YAML of ROS or easy_handeye, "
+        "poses of a marker in the camera's frame that another program measured: a table, YAML of ROS or easy_handeye, "
         "OpenCV's files",
     )
-    length_unit: str | None = option("of those poses, where the file does not tell", choices=("mm", "cm", "m"))
     mount: str | None = option("where the camera is (default: what the poses clearly show)", choices=("flange", "room"))

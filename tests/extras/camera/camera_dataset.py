@@ -66,12 +66,8 @@ def simulated_dataset(
     sigma_px: float,
     lens: Lens | None = None,
     swell: float = 1.0,
-    board_sigma: float = 0.0,
 ) -> Dataset:
-    """Dataset of a scene, all poses for training; the lens is found from the views where None is given.
-
-    `board_sigma` is the told standard deviation of the board's size, a share of it.
-    """
+    """Dataset of a scene, all poses for training; the lens is found from the views where None is given."""
     found = simulated_views(scene, board, rng, sigma_px=sigma_px, lens=lens, swell=swell)
     names = tuple(one.view.pose for one in found.poses)
     views = CameraViews(
@@ -86,7 +82,7 @@ def simulated_dataset(
         names,
         np.stack([one.camera_T_board for one in found.poses]),
         np.stack([covariance_of(one, found.sigma_px) for one in found.poses]),
-        shared_errors(found.lens, found.poses, board_sigma),
+        shared_errors(found.lens, found.poses),
         views,
         "flange" if scene.on_flange else "room",
     )

@@ -98,7 +98,6 @@ def test_samples_of_hand_eye_tools_hold_both_poses(cells, tmp_path, capsys, tool
             "R_gripper2base": flange[:, :3, :3].tolist(), "t_gripper2base": flange[:, :3, 3].tolist(),
             "R_target2cam": marker[:, :3, :3].tolist(), "t_target2cam": marker[:, :3, 3].tolist(),
         }  # fmt: skip
-        more = ["--length-unit", "mm"]
     path = tmp_path / "samples.json"
     path.write_text(json.dumps(samples))
     assert main(["import", str(tmp_path / "out"), "--marker-poses", str(path), *more]) == 0

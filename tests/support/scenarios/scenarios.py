@@ -249,6 +249,6 @@ SCENARIOS = (
         "camera_mount", "the camera's picks are off",
         lambda folder: camera_files(*marker_session(22), folder), _camera_is_found,
         options=(("robot", "camera_mount/arm.urdf"), ("joints", "camera_mount/joints.csv"),
-                 ("marker_poses", "camera_mount/marker.csv"), ("length_unit", "m")),
+                 ("marker_poses", "camera_mount/marker.csv")),
     ),
 )  # fmt: skip

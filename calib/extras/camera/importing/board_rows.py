@@ -2,7 +2,7 @@
 
 A third of the rows may err, in place or in attitude: they are named and left out. Where more do, or where what is left
 is more than arms err by, the mistakes that people make with tables are tried: another sign, order or zero of the
-joints, rows that are out of step, turned round or in any other order, and a board or camera that was moved.
+joints, rows that are out of step or turned round, and a board or camera that was moved.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, IndexArray
-from calib.consistency.hypotheses import DataHypothesis, column_names, of_matching, of_reading, of_shifts, simplest_of
+from calib.consistency.hypotheses import DataHypothesis, column_names, of_reading, of_shifts, simplest_of
 from calib.consistency.joint_reading import simple_readings
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
@@ -27,7 +27,6 @@ _CLEAR_MOVE = 2.0  # the same of a move, after which few poses are left for each
 _AS_GOOD = 1.3  # ratio of misfits up to which a simpler mistake explains them as well
 _LEAST_SHARE = 0.65  # of the rows, which have to agree
 _MOST_DEG, _MOST_SHARE = 8.0, 0.2  # errors that no arm has: of attitudes; of places, a share of the flange's spread
-_MATCHINGS = 4
 _NEARLY_ALL = 0.9  # of the poses before and after a move
 _LATE = 3  # rows at an end that hint at a move
 
@@ -74,7 +73,7 @@ def require_no_mistake(
     if now_mm < _QUIET_MM and share > _QUIET_SHARE:
         return
     where = " and ".join(names)
-    found = {one: _misfit_mm(one.of_dataset(dataset), on_flange) for one in _mistakes(dataset, fits)}
+    found = {one: _misfit_mm(one.of_dataset(dataset), on_flange) for one in _mistakes(dataset)}
     best_mm = min(found.values(), default=np.inf)
     if best_mm < now_mm / _CLEAR:
         likely = simplest_of([one for one, off_mm in found.items() if off_mm < _AS_GOOD * best_mm])
@@ -94,8 +93,8 @@ def require_agreement(dataset: Dataset, fits: Sequence[BoardHandEye], names: Seq
     if share < _LEAST_SHARE or off_deg > _MOST_DEG or off_mm > _MOST_SHARE * max(spread_mm, 100.0):
         raise CalibError(
             f"{' and '.join(names)} do not belong together: {share:.0%} of them agree, to {off_mm:.3g} mm and "
-            f"{off_deg:.2g}°; no sign, order or zero of the joints, no other order of the rows and no move explains "
-            "it; check that robot, joints and what the camera saw are of one run, and that each row has its own image"
+            f"{off_deg:.2g}°; no sign, order or zero of the joints, no shift of the rows and no move explains it; "
+            "check that robot, joints and what the camera saw are of one run, and that each row has its own image"
         )
 
 
@@ -106,7 +105,7 @@ def _misfit_mm(dataset: Dataset, on_flange: bool, most: float = MOST) -> float:
     return max(each, default=float("inf"))
 
 
-def _mistakes(dataset: Dataset, fits: Sequence[BoardHandEye]) -> Iterator[DataHypothesis]:
+def _mistakes(dataset: Dataset) -> Iterator[DataHypothesis]:
     """Mistakes that the data may have, changes of a dataset."""
     robot = dataset.robot
     if not robot.is_cartesian:
@@ -114,29 +113,6 @@ def _mistakes(dataset: Dataset, fits: Sequence[BoardHandEye]) -> Iterator[DataHy
             if reading.edits:
                 yield of_reading(reading, column_names(robot))
     yield from of_shifts(dataset)
-    if len(fits) == 1 and dataset.points is not None:
-        order = _matched(flange_poses(dataset), board_poses(dataset), fits[0].on_flange)
-        yield of_matching(dataset, dataset.points.pose, dataset.points.pose[order])
-
-
-def _matched(flange: Array, seen: Array, on_flange: bool) -> IndexArray:
-    """Row (M,) of the flange's pose that belongs to each pose of the board, in whatever order they stand.
-
-    First by the turns between poses, which arm and board have alike (each row's, sorted); then by what the hand-eye
-    calibration of rows so matched predicts.
-    """
-    from scipy.optimize import linear_sum_assignment  # slow to load
-
-    each = []
-    for turns in ((frames.invert(seen) if on_flange else seen)[:, :3, :3], flange[:, :3, :3]):
-        between = frames.rotvec_from_rotation(np.swapaxes(turns, 1, 2)[:, None] @ turns[None])
-        each.append(np.sort(np.linalg.norm(between, axis=-1), axis=1))
-    cost = np.abs(each[0][:, None] - each[1][None]).sum(axis=-1)
-    order = np.asarray(linear_sum_assignment(cost)[1])
-    for _ in range(_MATCHINGS):
-        fit = board_hand_eye(flange[order], seen, on_flange=on_flange)
-        order = np.asarray(linear_sum_assignment(fit.distances_mm(flange, seen))[1])
-    return order
 
 
 def _require_not_moved(

@@ -18,12 +18,13 @@ from calib.calibration.calibrate import fit_measured
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses
 from calib.dataset.files.points_csv import points_frame
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.pose_names import comparable_id
+from calib.dataset_import.flange_poses import FlangePoses
+from calib.dataset_import.pose_names import NameMatch, files_of_rows, matched
 from calib.dataset_import.reading import ImportReport, pose_ids, recognised
 from calib.errors import CalibError
 from calib.extras.camera.board import board_of
 from calib.extras.camera.board_hand_eye import BoardHandEye, misfit_mm
-from calib.extras.camera.detection import Detected, MeasuredViews, image_files, measured_images
+from calib.extras.camera.detection import MeasuredViews, image_files, measured_images
 from calib.extras.camera.importing.board_rows import (
     FEWEST,
     bad_rows,
@@ -35,14 +36,14 @@ from calib.extras.camera.importing.board_rows import (
     require_no_mistake,
 )
 from calib.extras.camera.importing.intrinsics import load_lens
-from calib.extras.camera.importing.marker_poses import load_marker_poses
+from calib.extras.camera.importing.pose_files import marker_poses
+from calib.extras.camera.lens import LENS_NAMES
 from calib.extras.camera.observed import NAME, CameraViews
 from calib.extras.camera.reprojection import full_pose_errors
 from calib.extras.camera.view import covariance_of, shared_errors
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 from calib.progress import OnProgress
-from calib.rendering import numbers
 from calib.statistics import rms
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable
@@ -50,10 +51,11 @@ from calib.text_files.user_table import UserTable
 MOUNTS = ("flange", "room")
 _AT = {"flange": "on the flange", "room": "in the room"}
 _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
-_MOST_BOARD_SIGMA = 0.05
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
 _SURE = 4.5  # sigmas
 _MOST_NAMED = 5
+_CLEAR = 3.0  # ratio of misfits from which another reading of a marker's poses than the usual is the right one
+_FILE_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII)  # names that a file can have everywhere
 _EXPLAINED = 0.35  # of the misfit, which a size that explains it leaves at the most
 _HELPS = 0.8  # the same of a size that explains a part, in place and at most poses
 _LEAST_VARIANCES = np.array([[1e-6], [3e-10]])  # mm^2, rad^2
@@ -69,10 +71,8 @@ class CameraChoice:
     dictionary: str | None = None
     intrinsics: Path | None = None
     marker_poses: Path | None = None
-    length_unit: str | None = None
     mount: str | None = None  # "flange" or "room"; None: by the data
     flange_poses: Path | None = None  # in place of joint values
-    board_sigma: float | None = None  # of the board's size, a share of it; None: exact
 
     @property
     def is_given(self) -> bool:
@@ -85,26 +85,11 @@ class CameraChoice:
             raise CalibError("give --images or --marker-poses, not both")
         if self.images is not None and self.board is None:
             raise CalibError("--images: tell the board that they show, such as --board charuco:8x6:30:22")
-        if self.images is None:
-            for name, value in (
-                ("board", self.board),
-                ("dictionary", self.dictionary),
-                ("intrinsics", self.intrinsics),
-                ("board-sigma", self.board_sigma),
-            ):
-                if value is not None:
-                    raise CalibError(f"--{name}: goes with --images FOLDER")
-        if self.board_sigma is not None and not 0.0 <= self.board_sigma <= _MOST_BOARD_SIGMA:
-            raise CalibError(
-                f"--board-sigma {100.0 * self.board_sigma:g}: found no standard deviation of 0 to "
-                f"{100.0 * _MOST_BOARD_SIGMA:g} percent; give that of the board's size, 0.1 for a board measured by a "
-                "caliper"
-            )
-        if self.marker_poses is None and self.length_unit is not None:
-            raise CalibError("--length-unit: goes with --marker-poses FILE")
-        for name, value in (("mount", self.mount), ("flange-poses", self.flange_poses)):
-            if value is not None and not self.is_given:
-                raise CalibError(f"--{name}: goes with --images or --marker-poses")
+        if self.mount is not None and not self.is_given:
+            raise CalibError("--mount: goes with --images or --marker-poses")
+        for name in ("board", "dictionary", "intrinsics"):
+            if getattr(self, name) is not None and self.images is None:
+                raise CalibError(f"--{name}: goes with --images FOLDER")
 
 
 @dataclass(frozen=True)
@@ -122,6 +107,7 @@ class CameraPoints:
     point_sigma_mm: float | None = None  # told, or estimated from what a fit leaves
     orientation_sigma_deg: float | None = None  # estimated from that
     images: Mapping[str, Path] = field(default_factory=dict)  # the image of each pose that can be kept by its name
+    readings: tuple[FlangePoses, ...] = ()  # ways in which a table's numbers may be meant, where there are several
 
     def points(self, ids: Sequence[str]) -> Points:
         """Measured points for poses with given ids."""
@@ -147,12 +133,9 @@ class CameraPoints:
 
     def select(self, rows: Sequence[int]) -> CameraPoints:
         """The same without all poses but some."""
-        parts = (None if part is None else part[rows] for part in (self.covariance, self.shared))
-        covariance, shared = parts
-        names = tuple(self.names[row] for row in rows)
-        return replace(
-            self, names=names, camera_T_board=self.camera_T_board[rows], covariance=covariance, shared=shared
-        )
+        covariance, shared = (None if part is None else part[rows] for part in (self.covariance, self.shared))
+        seen, names = self.camera_T_board[rows], tuple(self.names[row] for row in rows)
+        return replace(self, names=names, camera_T_board=seen, covariance=covariance, shared=shared)
 
     def settled(self, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]) -> CameraPoints:
         """The same by the arm as its table has it, see `settled_camera`. Raises CalibError."""
@@ -199,136 +182,98 @@ def camera_points(
 ) -> CameraPoints:
     """Board poses from images or marker poses, by the ids of the rows of the arm's table. Raises CalibError."""
     if choice.marker_poses is not None:
-        return _of_marker_poses(choice, table, ids)
+        return _of_marker_poses(choice.marker_poses, choice.mount, table, ids)
     assert choice.images is not None
     assert choice.board is not None
     board = board_of(choice.board)
     lens = None if choice.intrinsics is None else load_lens(choice.intrinsics)
     images = image_files(choice.images)
-    pose_of, notes = _poses_of_images(choice.images, images, table, ids)
-    kept = {stem: path for stem, path in images.items() if stem in pose_of}
+    rows, how = files_of_rows(images, table, ids)
+    if not rows:
+        raise CalibError(
+            f"{table.path}: none of its {len(ids)} rows has the name of one of the {len(images)} images in "
+            f"{choice.images}; add a column `image` with the file's name to each row"
+        )
+    kept = {stem: images[stem] for stem in rows}
     detected, measured = measured_images(kept, board, lens, choice.dictionary, on_progress)
-    told = _told(choice, detected, measured)
-    board_sigma = choice.board_sigma or 0.0
-    if board_sigma > 0.0:
-        told.append(f"the board's size is an unknown of every fit, told to {100.0 * board_sigma:g} % (--board-sigma)")
-    names = tuple(pose_of[one.view.pose] for one in measured.poses)
+    left_out = {images[stem].name: f"no row of {table.path.name} has its name" for stem in images if stem not in rows}
+    left_out |= {**detected.left_out, **measured.left_out}
+    notes = [f"{choice.images}: images are matched to the rows of {table.path.name} {how}"] if how else []
+    notes += [f"image {name} is left out: {reason}" for name, reason in list(left_out.items())[:_MOST_NAMED]]
+    if more := list(left_out)[_MOST_NAMED:]:
+        notes.append(f"{len(more)} more images are left out: {', '.join(more)}")
+    poses = measured.poses
+    names = tuple(ids[rows[one.view.pose]] for one in poses)
     views = CameraViews(
         lens=replace(measured.lens, covariance=None),
         board=board.text,
         sigma_px=measured.sigma_px,
-        pose=tuple(name for name, one in zip(names, measured.poses, strict=True) for _ in one.view.corner),
-        corner=np.concatenate([one.view.corner for one in measured.poses]),
-        board_mm=np.concatenate([one.view.board_mm for one in measured.poses]),
-        pixels=np.concatenate([one.view.pixels for one in measured.poses]),
+        pose=tuple(name for name, one in zip(names, poses, strict=True) for _ in one.view.corner),
+        corner=np.concatenate([one.view.corner for one in poses]),
+        board_mm=np.concatenate([one.view.board_mm for one in poses]),
+        pixels=np.concatenate([one.view.pixels for one in poses]),
         lens_from="images" if choice.intrinsics is None else choice.intrinsics.name,
     )
     return CameraPoints(
         names,
-        np.stack([one.camera_T_board for one in measured.poses]),
-        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses]),
-        shared_errors(measured.lens, measured.poses, board_sigma),
+        np.stack([one.camera_T_board for one in poses]),
+        np.stack([covariance_of(one, measured.sigma_px) for one in poses]),
+        shared_errors(measured.lens, poses),
         views,
         choice.mount,
-        (*notes, *told),
-        images={pose_of[stem]: path for stem, path in kept.items() if _is_file_name(pose_of[stem])},
+        (*notes, *detected.notes, *_told(choice.images, views, measured)),
+        images={ids[rows[stem]]: path for stem, path in kept.items() if _FILE_NAME.fullmatch(ids[rows[stem]])},
     )
 
 
-def _is_file_name(pose_id: str) -> bool:
-    """Whether a file can have the name of a pose everywhere."""
-    return re.fullmatch(r"[A-Za-z0-9][\w.+-]{0,99}", pose_id, re.ASCII) is not None
-
-
-def _told_left_out(left_out: Mapping[str, str]) -> list[str]:
-    """Notes on images that are left out, by the names of files or poses."""
-    notes = [f"image {name} is left out: {reason}" for name, reason in list(left_out.items())[:_MOST_NAMED]]
-    if len(left_out) > _MOST_NAMED:
-        notes.append(
-            f"{len(left_out) - _MOST_NAMED} more images are left out: {', '.join(list(left_out)[_MOST_NAMED:])}"
-        )
-    return notes
-
-
-def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> list[str]:
-    """Notes on what was seen, what was left out, and the lens."""
-    notes = [*detected.notes, *_told_left_out({**detected.left_out, **measured.left_out})]
-    corners = sum(len(one.view.corner) for one in measured.poses)
-    notes.append(
-        f"{choice.images}: {len(measured.poses)} images show {detected.board.text}, {corners} corners, "
-        f"{measured.sigma_px:.3f} pixels of noise"
-        + (
-            f"; {measured.bad_corners} corners far from where the others put them are left out"
-            * (measured.bad_corners > 0)
-        )
-    )
-    lens, sigma = measured.lens, measured.lens.sigmas
-    if choice.intrinsics is None:
-        four = ", ".join(
-            f"{name} {value:.2f} ± {error:.2f}"
-            for name, value, error in zip(("fx", "fy", "cx", "cy"), lens.numbers, sigma, strict=False)
-        )
-        notes.append(f"the lens is found from the images: {four} pixels; its errors are unknowns of every fit")
+def _told(folder: Path, views: CameraViews, measured: MeasuredViews) -> list[str]:
+    """Notes on what was seen, and on the lens."""
+    bad, lens = measured.bad_corners, measured.lens
+    far = f"; {bad} corners far from where the others put them are left out" * (bad > 0)
+    seen = f"{folder}: {len(measured.poses)} images show {views.board}, {len(views.corner)} corners, "
+    if views.lens_from != "images":
+        told = f"the lens is that of {views.lens_from}, taken as exact"
     else:
-        notes.append(f"the lens is that of {choice.intrinsics.name}, taken as exact")
-    return notes
+        each = zip(LENS_NAMES[:4], lens.numbers, lens.sigmas, strict=False)
+        four = ", ".join(f"{name} {value:.2f} ± {error:.2f}" for name, value, error in each)
+        told = f"the lens is found from the images: {four} pixels; its errors are unknowns of every fit"
+    return [f"{seen}{measured.sigma_px:.3f} pixels of noise{far}", told]
 
 
-def _poses_of_images(
-    folder: Path, images: Mapping[str, Path], table: UserTable, ids: Sequence[str]
-) -> tuple[dict[str, str], list[str]]:
-    """Id of the pose of each image, by the image's stem, and notes. Raises CalibError."""
-    by_id = {comparable_id(stem): stem for stem in images} | {stem: stem for stem in images}
-    best: dict[str, str] = {}
-    where = ""
-    for name in ("", *table.columns):
-        cells = list(ids) if not name else table.text(name)
-        stems = [
-            by_id.get(Path(cell).stem, by_id.get(comparable_id(Path(cell).stem))) if cell else None for cell in cells
-        ]
-        found = {stem: ids[row] for row, stem in enumerate(stems) if stem is not None}
-        repeated = len([stem for stem in stems if stem is not None]) != len(found)
-        if len(found) > len(best) and not repeated:
-            best, where = found, name
-    if best and 2 * len(best) >= min(len(images), len(ids)):
-        gone = [path.name for stem, path in images.items() if stem not in best]
-        notes = [f"{table.path}: column {where} names the images"] if where else []
-        if gone:
-            shown = numbers.in_short(gone, _MOST_NAMED)
-            notes.append(f"{folder}: {len(gone)} images have no row in {table.path.name} and are left out: {shown}")
-        return best, notes
-    if len(images) == len(ids):
-        order = sorted(images, key=numbers.natural_order)
-        note = f"{folder}: no column names the images; they are taken in the order of their names, {order[0]} first"
-        return dict(zip(order, ids, strict=True)), [note]
-    raise CalibError(
-        f"{table.path}: {len(ids)} rows, and {folder} holds {len(images)} images, of which {len(best)} are named as a "
-        "pose is; add a column `image` with the file's name to each row"
-    )
-
-
-def _of_marker_poses(choice: CameraChoice, table: UserTable, ids: Sequence[str]) -> CameraPoints:
+def _of_marker_poses(path: Path, mount: str | None, table: UserTable, ids: Sequence[str]) -> CameraPoints:
     """Board poses that another program measured. Raises CalibError."""
-    assert choice.marker_poses is not None
-    given = load_marker_poses(choice.marker_poses, choice.length_unit)
-    names, notes = given.names, [f"{choice.marker_poses}: {given.note}"]
-    if names is None:
-        if len(given.camera_T_marker) != len(ids):
+    given = marker_poses(path)
+    count = len(given.readings[0].base_T_flange)
+    found = max((matched(names, ids) for names in given.names), key=lambda one: one.count, default=NameMatch(()))
+    notes = [f"{path}: {given.readings[0].form}"] if len(given.readings) == 1 else []
+    if 2 * found.count < count:
+        if count != len(ids):
             raise CalibError(
-                f"{choice.marker_poses}: {len(given.camera_T_marker)} poses, and {table.path} has {len(ids)} rows; "
-                "name the pose of each, or give as many"
+                f"{path}: {count} poses, and {table.path} has {len(ids)} rows; name the pose of each, or give as many"
             )
-        names = tuple(ids)
-        if table.path != choice.marker_poses:
-            notes.append(f"{choice.marker_poses}: names no poses; they are taken in the order of {table.path.name}")
-    known = {comparable_id(name): name for name in ids} | {name: name for name in ids}
-    found = []
-    for name in names:
-        pose = known.get(Path(name).stem, known.get(name, known.get(comparable_id(name))))
-        if pose is None:
-            raise CalibError(f"{choice.marker_poses}: pose {name[:40]!r} is not in {table.path}")
-        found.append(pose)
-    return CameraPoints(tuple(found), given.camera_T_marker, None, None, None, choice.mount, tuple(notes))
+        found = NameMatch(tuple(range(count)))
+        if table.path != path:
+            notes.append(f"{path}: names no poses; they are taken in the order of {table.path.name}")
+    rows = [row for row, pose in enumerate(found.pose) if pose >= 0]
+    if len(rows) < count:
+        notes.append(f"{path}: {count - len(rows)} rows belong to no pose of {table.path.name} and are left out")
+    readings = tuple(replace(one, base_T_flange=one.base_T_flange[rows]) for one in given.readings)
+    names = tuple(ids[found.pose[row]] for row in rows)
+    return CameraPoints(
+        names, readings[0].base_T_flange, None, None, None, mount, tuple(notes),
+        readings=readings if len(readings) > 1 else (),
+    )  # fmt: skip
+
+
+def _read_by_arm(given: CameraPoints, base_T_flange: Array) -> CameraPoints:
+    """The same in the reading of its numbers by which the arm misses the board least; the usual one where none does."""
+    off_mm = [
+        min(misfit_mm(base_T_flange, one.base_T_flange, on_flange=mount == "flange") for mount in MOUNTS)
+        for one in given.readings
+    ]
+    best = int(np.argmin(off_mm))
+    chosen = given.readings[best if _CLEAR * off_mm[best] < off_mm[0] else 0]
+    return replace(given, camera_T_board=chosen.base_T_flange, notes=(*given.notes, f"the marker's {chosen.form}"))
 
 
 def settled_camera(
@@ -343,6 +288,9 @@ def settled_camera(
     notes, mount = list(given.notes), given.mount
     if len(given.names) < FEWEST:
         raise CalibError(f"the board is seen at {len(given.names)} poses; {FEWEST} and more are needed, better 20")
+    if given.readings:
+        given = _read_by_arm(given, flange_poses(_to_fit(given, robot, ids, q, setups)))
+        notes = list(given.notes)
     plain = _to_fit(given, robot, ids, q, setups)
     names = ("the arm's poses", "the images" if given.views is not None else "the marker's poses")
     both = {name: fits_of(plain, on_flange=name == "flange") for name in MOUNTS}
@@ -456,7 +404,7 @@ def _doubted_size(dataset: Dataset, fits: Sequence[BoardHandEye], given: CameraP
         return None
     fitting = f"fit the arm with {{}} {scales[0]:.4g} times as large (± {fits[0].scale_sigma:.2g})"
     if given.views is None:
-        told = f"the marker's poses {fitting.format('lengths')}; check --length-unit, and the marker's size in the "
+        told = f"the marker's poses {fitting.format('lengths')}; check their unit, and the marker's size in the "
         told += "program that measured them"
     else:
         told = f"--board {given.views.board}: the images {fitting.format('a board')}; measure its squares, or check "

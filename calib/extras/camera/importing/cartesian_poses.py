@@ -14,7 +14,7 @@ from calib.errors import CalibError
 from calib.extras.camera.board_hand_eye import misfit_mm
 from calib.extras.camera.importing.camera_views import MOUNTS, CameraChoice, CameraPoints
 from calib.extras.camera.importing.documents import SUFFIXES
-from calib.extras.camera.importing.marker_poses import EASY_HANDEYE, MarkerPoses, load_flange_poses
+from calib.extras.camera.importing.pose_files import EASY_HANDEYE, FLANGE, PoseFile, poses_of_document
 from calib.kinematics.cartesian import cartesian_arm
 from calib.kinematics.robot import Robot
 from calib.text_files.user_table import UserTable, load_table
@@ -39,27 +39,26 @@ def table_of_arm(
     joints: the table of joint values, which may have poses of the flange in their place.
     """
     path = choice.flange_poses or joints
-    if path is None:
-        beside = choice.marker_poses
-        found = None if beside is None else load_flange_poses(beside, choice.length_unit, beside=True)
-        if beside is None or found is None:
-            raise CalibError(
-                "--images and --marker-poses need the arm's poses: --joints FILE.csv, the joint values of each, or "
-                "--flange-poses FILE, the poses of the flange as the controller tells them"
-            )
-        return _of_document(beside, found)
-    if path.suffix.lower() not in SUFFIXES:
+    beside = path or choice.marker_poses
+    assert beside is not None
+    if path is not None and path.suffix.lower() not in SUFFIXES:
         table = load_table(path, lambda _: None, any_encoding=True)
-        if choice.flange_poses is not None or _has_no_joints(table, robot, mapping):
-            return ArmTable(table, tuple(readings_of(table)))
-        return ArmTable(table)
-    found = load_flange_poses(path, choice.length_unit) if choice.flange_poses is not None else None
+        is_of_flange = choice.flange_poses is not None or _has_no_joints(table, robot, mapping)
+        return ArmTable(table, tuple(readings_of(table)) if is_of_flange else ())
+    found = None
+    if beside.suffix.lower() in SUFFIXES and (path is None or choice.flange_poses is not None):
+        found = poses_of_document(beside, FLANGE, named=path is None)
+    if found is None and path is None:
+        raise CalibError(
+            "--images and --marker-poses need the arm's poses: --joints FILE.csv, the joint values of each, or "
+            "--flange-poses FILE, the poses of the flange as the controller tells them"
+        )
     if found is None:
         raise CalibError(
             f"{path}: holds no pose of the flange; --flange-poses takes poses of ROS, samples of a hand-eye tool, and "
             "tables, --joints a table of joint values"
         )
-    return _of_document(path, found)
+    return _of_document(beside, found)
 
 
 def _has_no_joints(table: UserTable, robot: Robot | None, mapping: Mapping[str, Meaning]) -> bool:
@@ -71,10 +70,12 @@ def _has_no_joints(table: UserTable, robot: Robot | None, mapping: Mapping[str, 
     return not all(f"q{k + 1}" in found.columns for k in range(count))
 
 
-def _of_document(path: Path, found: MarkerPoses) -> ArmTable:
-    ids = found.names or tuple(f"p{k + 1}" for k in range(len(found.camera_T_marker)))
-    table = UserTable(path, ("pose",), tuple((one,) for one in ids), tuple(range(1, len(ids) + 1)), has_header=True)
-    return ArmTable(table, (FlangePoses(found.camera_T_marker, found.note),), found.key == EASY_HANDEYE)
+def _of_document(path: Path, found: PoseFile) -> ArmTable:
+    (reading,) = found.readings
+    count = len(reading.base_T_flange)
+    ids = next(iter(found.names), [f"p{k + 1}" for k in range(count)])
+    table = UserTable(path, ("pose",), tuple((one,) for one in ids), tuple(range(1, count + 1)), has_header=True)
+    return ArmTable(table, found.readings, found.key == EASY_HANDEYE)
 
 
 def joints_table(
@@ -92,10 +93,11 @@ def joints_table(
         inverse = (replace(one, base_T_flange=frames.invert(one.base_T_flange)) for one in arm.readings)
         readings += [replace(one, form=f"{one.form}, of the base in the flange's frame") for one in inverse]
     mounts = MOUNTS if camera.mount is None else (camera.mount,)
-    off_mm = []
-    for one in readings:
-        poses = one.base_T_flange[row]
-        off_mm.append(min(misfit_mm(poses, camera.camera_T_board, on_flange=mount == "flange") for mount in mounts))
+    markers = [one.base_T_flange for one in camera.readings] or [camera.camera_T_board]
+    off_mm = [
+        min(misfit_mm(one.base_T_flange[row], seen, on_flange=at == "flange") for seen in markers for at in mounts)
+        for one in readings
+    ]
     path = arm.table.path
     chosen, note = clear_reading(path, readings, off_mm, "what the camera saw", "the board")
     doubts = []

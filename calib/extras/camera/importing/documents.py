@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,9 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
+from calib.extras.camera.lens import opencv
+from calib.text_files.records import content_of
+from calib.text_files.text_file import read_text
 
 SUFFIXES = (".yaml", ".yml", ".json", ".xml")
 _MOST_BYTES = 20_000_000
@@ -18,25 +20,10 @@ _DEEPEST = 30
 
 def documents(path: Path) -> list[Any]:
     """Documents of a file, several where YAML's --- part them. Raises CalibError."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise CalibError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(content) > _MOST_BYTES:
-        raise CalibError(f"{path}: {len(content)} bytes, more than any lens or list of poses has")
-    suffix = path.suffix.lower()
-    if suffix == ".xml":
-        return [_by_opencv(path)]
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise CalibError(f"{path}: is no text in UTF-8") from None
-    if suffix == ".json":
-        try:
-            return [json.loads(text)]
-        except (ValueError, RecursionError) as error:
-            raise CalibError(f"{path}: is no JSON: {error}") from None
-    return _yaml(path, text)
+    if path.suffix.lower() == ".json":
+        return [content_of(path)]
+    text = read_text(path, missing="name a file of a lens or of poses", kind="YAML", most_bytes=_MOST_BYTES)
+    return [_by_opencv(path)] if path.suffix.lower() == ".xml" else _yaml(path, text)
 
 
 def _yaml(path: Path, text: str) -> list[Any]:
@@ -56,29 +43,20 @@ def _yaml(path: Path, text: str) -> list[Any]:
             return super().compose_node(parent, index)
 
     Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, True))
-    lines = text.split("\n")
-    if lines and lines[0].startswith("%YAML:"):  # OpenCV's own way of writing the version
-        lines = lines[1:]
+    if text.startswith("%YAML:"):  # OpenCV's own way of writing the version
+        text = text.partition("\n")[2]
     try:
-        return [one for one in yaml.load_all("\n".join(lines), Loader) if one is not None]
+        return [one for one in yaml.load_all(text, Loader) if one is not None]
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise CalibError(f"{path}: is no YAML that can be read: {' '.join(str(error).split())[:200]}") from None
 
 
 def _by_opencv(path: Path) -> Any:
-    try:
-        import cv2
-    except ImportError:
-        raise CalibError(
-            f"{path}: OpenCV's XML needs OpenCV, which is not installed: pip install "
-            "'robot-calibration-inspector[camera]'"
-        ) from None
+    cv2 = opencv()
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     except (cv2.error, SystemError):
         raise CalibError(f"{path}: is no file of OpenCV's FileStorage") from None
-    if not storage.isOpened():
-        raise CalibError(f"{path}: is no file of OpenCV's FileStorage")
     return _plain(storage.root(), 0)
 
 
@@ -93,15 +71,17 @@ def _plain(node: Any, depth: int) -> Any:
     return node.string() if node.isString() else node.real()
 
 
+def by_lower_name(content: Any) -> dict[str, Any]:
+    """Entries of a document by their names in lower case, with _ for blanks; {} where it has none."""
+    entries = content.items() if isinstance(content, dict) else ()
+    return {str(name).lower().replace(" ", "_"): value for name, value in entries}
+
+
 def number_array(value: Any) -> Array | None:
     """Numbers of a list, of nested lists, or of a matrix `{rows, cols, data}`, flat (N,); None where it is none."""
     if isinstance(value, dict):
-        if "data" in value:
-            return number_array(value["data"])
-        if {"x", "y", "z"} <= set(value):
-            names = ("x", "y", "z", "w") if "w" in value else ("x", "y", "z")
-            return number_array([value[name] for name in names])
-        return None
+        axes = [name for name in "xyzw" if name in value]
+        return number_array(value.get("data") or [value[name] for name in axes])
     if not isinstance(value, list) or not value:
         return None
     try:
