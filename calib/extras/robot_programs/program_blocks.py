@@ -6,6 +6,7 @@ from typing import Any
 
 from calib.extras.robot_programs.program_correction import ProgramCorrection, TargetMove
 from calib.present.moves.correction import correction_document, gain_blocks
+from calib.present.results import keys_of
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Paragraph, Table
 
@@ -52,7 +53,7 @@ def program_correction_document(result: ProgramCorrection) -> dict[str, Any]:
         "program": {
             "language": result.program.language,
             "targets": [_target(move) for move in result.targets],
-            "left": [{"line": each.line, "what": each.what, "reason": each.reason} for each in result.program.left],
+            "left": [vars(each) for each in result.program.left],
             "notes": list(result.notes),
         }
     }
@@ -62,15 +63,8 @@ def _target(move: TargetMove) -> dict[str, Any]:
     """One target as plain data; what is unknown is nan, which `--json` prints as null."""
     target = move.target
     return {
-        "name": target.name,
-        "line": target.line,
-        "kind": target.kind,
-        "reached": move.reached,
-        "moved_mm": move.moved_mm,
-        "moved_deg": move.moved_deg,
-        "uncorrected_mm": move.uncorrected_mm,
-        "reason": move.reason,
-        "tool": None if target.tool is None else target.tool.name,
-        "work": None if target.work is None else target.work.name,
+        **keys_of(target, "name", "line", "kind"),
+        **keys_of(move, "reached", "moved_mm", "moved_deg", "uncorrected_mm", "reason"),
+        **{key: frame and frame.name for key, frame in (("tool", target.tool), ("work", target.work))},
         "posture": move.posture or None,
     }

@@ -22,7 +22,7 @@ from calib.compensation.correction import Correction, Corrects
 from calib.compensation.target_correction import correction_of
 from calib.errors import CalibError
 from calib.extras.robot_programs.postures import Place, along, postures_at, same_posture
-from calib.extras.robot_programs.program_targets import Frames, Program, frame_of, require_frames
+from calib.extras.robot_programs.program_targets import Program, frame_of, require_frames
 from calib.extras.robot_programs.program_text.pose_numbers import pose_transform, pose_values
 from calib.extras.robot_programs.program_text.targets import NO_CONFIGURATION, ProgramTarget
 from calib.kinematics.flange import flange_frames, flange_T_tip, measured_point_on_flange
@@ -106,8 +106,8 @@ def corrected_program(
     calibrated: Corrects | Robot,
     *,
     kind: str | None = None,
-    tool: Array | Frames | None = None,
-    work: Array | Frames | None = None,
+    tool: Array | None = None,
+    work: Array | None = None,
 ) -> ProgramCorrection:
     """Program with corrected targets, and what became of each.
 
@@ -116,15 +116,14 @@ def corrected_program(
         nominal: robot that the controller computes with.
         calibrated: a calibration, a diagnosis, a model from a file, a robot.
         kind: "pose", "position", or None for what the fit determines.
-        tool: (4, 4) flange_T_tool, mm, of targets whose tool the program does not define, or several by their names.
-        work: (4, 4) base_T_work, mm, of targets whose work frame it does not define, or several by their names.
+        tool: (4, 4) flange_T_tool, mm, of targets whose tool the program does not define.
+        work: (4, 4) base_T_work, mm, of targets whose work frame it does not define.
 
     Raises:
         CalibError: a frame that is neither defined nor given.
     """
-    tools, works = (each if isinstance(each, Mapping) else {} if each is None else {"": each} for each in (tool, work))
-    require_frames(program, tools, works)
-    known = _with_joints(program, nominal, tools, works)
+    require_frames(program, tool, work)
+    known = _with_joints(program, nominal, tool, work)
     told = [each for each in known if each.q is not None]
     q0 = np.array([each.q for each in told]).reshape(-1, nominal.n_joints)
     correction = correction_of(nominal, calibrated, q0, kind=kind, ids=[each.target.name for each in told])
@@ -173,12 +172,12 @@ def _flange_note(nominal: Robot) -> Iterable[str]:
         )
 
 
-def _with_joints(program: Program, nominal: Robot, tools: Frames, works: Frames) -> list[_Known]:
+def _with_joints(program: Program, nominal: Robot, tool: Array | None, work: Array | None) -> list[_Known]:
     """Each target with its joints: as written, or of the nominal arm at its pose, in the program's posture."""
     known: dict[int, _Known] = {}
     poses: dict[int, _Pose] = {}
     for target in program.targets:
-        each = _Known(target, None, frame_of(target.tool, tools), frame_of(target.work, works))
+        each = _Known(target, None, frame_of(target.tool, tool), frame_of(target.work, work))
         if target.kind == "joints":
             q = _written(program, nominal, target.values)
             known[target.place] = replace(each, q=q, flange_T_tool=flange_T_tip(nominal))

@@ -113,62 +113,43 @@ def _reader_of(path: Path) -> type[ProgramReader]:
     return reader
 
 
-Frames = Mapping[str, Array]
-"""Transforms (4, 4), mm, by the names that a program has for them, lower case; "" for all that are not named."""
+def frame_given(language: str, option: str, text: str | None) -> Array | None:
+    """Transform (4, 4), mm, of a frame that a user gives in the maker's own numbers. Raises CalibError."""
+    if text is None:
+        return None
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+        if len(values) != NUMBERS[language] or not np.isfinite(values).all():
+            raise ValueError(f"for {language} a frame is {NUMBERS[language]} numbers {FORM[language]}")
+        return pose_transform(language, values)
+    except ValueError as error:
+        raise CalibError(f"{option} {text}: {error}; give it as {FORM[language]}") from None
 
 
-def frames_given(language: str, option: str, texts: Sequence[str]) -> Frames:
-    """Frames that a user gives in the maker's own numbers, each as NUMBERS or NAME=NUMBERS. Raises CalibError."""
-    found: dict[str, Array] = {}
-    for text in texts:
-        name, _, listed = text.rpartition("=")
-        key = name.strip().lower()
-        if key in found:
-            raise CalibError(f"{option} {text}: given twice for {name.strip() or 'the same frame'}")
-        try:
-            values = np.array([float(part) for part in listed.split(",")])
-            if len(values) != NUMBERS[language] or not np.isfinite(values).all():
-                raise ValueError(f"for {language} a frame is {NUMBERS[language]} numbers {FORM[language]}")
-            found[key] = pose_transform(language, values)
-        except ValueError as error:
-            raise CalibError(f"{option} {text}: {error}; give it as {FORM[language]}, or NAME=numbers") from None
-    return found
-
-
-def require_frames(program: Program, tools: Frames, works: Frames) -> None:
+def require_frames(program: Program, tool: Array | None, work: Array | None) -> None:
     """Raise CalibError where a target's tool or work frame is neither in the program nor given, or not alone."""
     form, _, units = FORM[program.language].partition(" ")
     for option, given, frames in (
-        ("--tool-frame", tools, [(target, target.tool) for target in program.targets]),
-        ("--work-frame", works, [(target, target.work) for target in program.targets]),
+        ("--tool-frame", tool, [(target.tool, target) for target in program.targets]),
+        ("--work-frame", work, [(target.work, target) for target in program.targets]),
     ):
-        open_: dict[str, tuple[str, ProgramTarget]] = {}  # frames that are not defined, with their first targets
-        for target, frame in frames:
-            if frame is not None and frame.transform is None:
-                open_.setdefault(frame.name.lower(), (frame.name, target))
-        left = [told for name, told in open_.items() if name not in given]
-        unneeded = [name for name in given if name not in open_ and (name or not left)]
-        if unneeded:
-            what = f"{option} {unneeded[0]}".rstrip()
-            raise CalibError(f"{program.path}: no target needs {what}: the program defines its own; leave it out")
-        names = ", ".join(name for name, _ in left)
-        if left and "" not in given:
-            name, target = left[0]
-            several = f", and so do {len(left) - 1} others: {names}; each as NAME={form}" if len(left) > 1 else ""
+        open_ = {
+            frame.name: target for frame, target in reversed(frames) if frame is not None and frame.transform is None
+        }
+        if given is not None and not open_:
+            raise CalibError(f"{program.path}: no target needs {option}: the program defines its own; leave it out")
+        if open_ and (given is None or len({name.lower() for name in open_}) > 1):
+            name, target = min(open_.items(), key=lambda each: each[1].line)
+            one = f"give it as {option}={form} ({units}), or " if len(open_) == 1 else f"of {', '.join(sorted(open_))} "
             raise CalibError(
-                f"{program.path}: line {target.line}: {target.name} needs {name}, which this file does not "
-                f"define; give it as {option}={form} ({units}), or name its file as --with FILE{several}"
-            )
-        if len(left) > 1:
-            raise CalibError(
-                f"{program.path}: {option} is one frame, and the file leaves {len(left)} open: {names}; "
-                f"give each as {option} 'NAME={form}'"
+                f"{program.path}: line {target.line}: {target.name} needs {name}, which this file does not define; "
+                f"{one}name the file that defines it as --with FILE"
             )
 
 
-def frame_of(frame: NamedFrame | None, given: Frames) -> Array:
+def frame_of(frame: NamedFrame | None, given: Array | None) -> Array:
     """Transform of a target's frame, the program's own or the given one; of none the identity."""
     if frame is None:
         return np.eye(4)
-    found = given.get(frame.name.lower(), given.get("", np.eye(4)))  # by require_frames one is given
-    return found if frame.transform is None else frame.transform
+    found = given if frame.transform is None else frame.transform
+    return np.eye(4) if found is None else found

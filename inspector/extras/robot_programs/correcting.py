@@ -11,7 +11,7 @@ from calib.errors import CalibError
 from calib.extras.robot_programs.measuring_program import require_joints
 from calib.extras.robot_programs.program_blocks import program_correction_blocks, program_correction_document
 from calib.extras.robot_programs.program_correction import corrected_program, require_no_conditions
-from calib.extras.robot_programs.program_targets import frames_given, load_program, require_frames
+from calib.extras.robot_programs.program_targets import frame_given, load_program, require_frames
 from calib.models.fitted_model import FittedModel
 from calib.rendering.text import block_text
 from inspector.cli.additions import CorrectAddition
@@ -27,7 +27,7 @@ class CorrectedProgram(CorrectAddition[CorrectProgramOptions, CorrectOptions]):
         """Refuse frames and further files without a program."""
         asked = self.asked
         given = {"--tool-frame": asked.tool_frame, "--work-frame": asked.work_frame, "--with": asked.others}
-        for option in [option for option, values in given.items() if values and asked.program is None]:
+        for option in [option for option, value in given.items() if value and asked.program is None]:
             raise CalibError(f"{option} goes with --program; joint targets have no frames")
 
     def inputs(self) -> Iterable[Path | None]:
@@ -42,13 +42,13 @@ class CorrectedProgram(CorrectAddition[CorrectProgramOptions, CorrectOptions]):
         require_joints(path, program.language, dataset.robot.is_revolute.tolist())
         if out.suffix.lower() != path.suffix.lower():
             raise CalibError(f"--out {out}: a corrected program has the suffix of its own, {path.suffix}")
-        tools = frames_given(program.language, "--tool-frame", self.asked.tool_frame)
-        works = frames_given(program.language, "--work-frame", self.asked.work_frame)
-        require_frames(program, tools, works)
+        tool = frame_given(program.language, "--tool-frame", self.asked.tool_frame)
+        work = frame_given(program.language, "--work-frame", self.asked.work_frame)
+        require_frames(program, tool, work)
 
         def write(model: FittedModel) -> int:
             require_no_conditions(program, model.needs, model.model.family_names)
-            result = corrected_program(program, dataset.robot, model, kind=self.command.what, tool=tools, work=works)
+            result = corrected_program(program, dataset.robot, model, kind=self.command.what, tool=tool, work=work)
             write_bytes_atomically(out, result.content)
             show(self.command, program_correction_document(result), block_text(*program_correction_blocks(result)))
             return 0 if result.reached else 1

@@ -33,13 +33,12 @@ class CorrectProgramOptions:
         "($config.dat, a module); give it several times for several",
         spelled=["--with"],
     )
-    tool_frame: Sequence[str] = several(
-        "tool frame on the flange, where the program does not define it (several by their names): "
-        "x,y,z,rx,ry,rz (URScript, m and rad), X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
-        metavar="[NAME=]NUMBERS",
+    tool_frame: str | None = option(
+        "tool frame on the flange, where the program does not define it: x,y,z,rx,ry,rz (URScript, m and rad), "
+        "X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
+        metavar="NUMBERS",
     )
-    work_frame: Sequence[str] = several(
-        "work frame in the robot's base, where the program does not define it (several by their names): "
-        "x,y,z,rx,ry,rz (URScript, m and rad), X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
-        metavar="[NAME=]NUMBERS",
+    work_frame: str | None = option(
+        "work frame in the robot's base, where the program does not define it, in the same numbers",
+        metavar="NUMBERS",
     )

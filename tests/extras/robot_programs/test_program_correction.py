@@ -198,16 +198,17 @@ def test_a_frame_that_is_not_defined_has_to_be_given(cell: Cell, tmp_path: Path)
         run(cell, "RAPID", text, tmp_path, tool=TOOL)
 
 
-def test_several_frames_are_given_by_their_names(cell: Cell, tmp_path: Path) -> None:
+def test_several_frames_that_are_not_defined_take_the_file_that_has_them(cell: Cell, tmp_path: Path) -> None:
     text = written("KRL")
-    tool, base = (listed("KRL", makers("KRL", frame)) for frame in (TOOL, WORK))
-    open_ = text.replace(f"$TOOL={{{tool}}}", "$TOOL=TOOL_DATA[4]").replace(f"$BASE={{{base}}}", "$BASE=BASE_DATA[2]")
+    base = listed("KRL", makers("KRL", WORK))
+    open_ = text.replace(f"$BASE={{{base}}}", "$BASE=BASE_DATA[2]")
     open_ = open_.replace("END", "$BASE=BASE_DATA[3]\r\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\r\nEND")
-    works = {"base_data[2]": WORK}
-    for given, words in ((works, r"needs BASE_DATA\[3\]"), (WORK, r"leaves 2 open: BASE_DATA\[2\], BASE_DATA\[3\]")):
-        with pytest.raises(CalibError, match=words):
-            run(cell, "KRL", open_, tmp_path, tool=TOOL, work=given)
-    found = run(cell, "KRL", open_, tmp_path, tool=TOOL, work=works | {"": np.eye(4)})
+    with pytest.raises(CalibError, match=r"needs BASE_DATA\[2\], .* of BASE_DATA\[2\], BASE_DATA\[3\] name the file"):
+        run(cell, "KRL", open_, tmp_path, work=WORK)
+    config = tmp_path / "$config.dat"
+    config.write_text(f"BASE_DATA[2]={{{base}}}\nBASE_DATA[3]={{X 0,Y 0,Z 0,A 0,B 0,C 0}}\n")
+    (tmp_path / "prog.src").write_text(open_, newline="")
+    found = corrected_program(load_program(tmp_path / "prog.src", [config]), cell.nominal, cell.true_robot)
     wanted = run(cell, "KRL", text, tmp_path)
     assert found.content.splitlines()[3:-3] == wanted.content.splitlines()[3:-1]
 

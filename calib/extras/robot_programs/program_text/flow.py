@@ -1,53 +1,53 @@
 """Which assignments reach a place of a program: branches, loops, and routines called from elsewhere are followed.
 
 Nothing is computed: every branch may be taken. What several assignments may reach has several values, and what none
-reaches the value from before the program.
+reaches the value from before the program. Each routine is walked with a mark in place of what holds at its entry;
+behind a call hold what the routine sets and, where the mark comes through, what held before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Generic, Literal, TypeVar
+from typing import Any, Literal
 
 FlowKind = Literal[
     "routine", "if", "switch", "loop", "always", "else", "otherwise", "end", "call", "set", "use"
 ]  # fmt: skip
 """A `switch` is an `if` whose first branch an `else` begins, which is one more branch; `otherwise` is the branch of
 whatever is left, `always` a loop that is entered in any case."""
-_OPENING = ("routine", "if", "switch", "loop", "always")
-_DEEPEST = 40  # calls within calls that are followed
 
-Value = TypeVar("Value", bound=Hashable)
-Held = TypeVar("Held", bound=Hashable, covariant=True)
+Values = frozenset[Any]
+"""What may hold at a place."""
 
 
 @dataclass(frozen=True)
-class FlowEvent(Generic[Held]):
+class FlowEvent:
     """Something at a place of a program that its flow depends on."""
 
     place: int
     kind: FlowKind
     name: str = ""  # of a routine or a call
-    value: Held | None = None  # of a "set"
+    value: Hashable | None = None  # of a "set"
+
+
+@dataclass(frozen=True)
+class _AtEntry:
+    """Whatever holds where a routine begins; "" is what stands outside of routines."""
+
+    name: str
 
 
 @dataclass(eq=False)
-class _Block(Generic[Value]):
-    """A block of the program, or the whole: its parts in their order, for each branch."""
+class _Block:
+    """A block of the program: its parts in their order, for each branch."""
 
     kind: FlowKind
-    name: str = ""
-    branches: list[list[FlowEvent[Value] | _Block[Value]]] = field(default_factory=lambda: [[]])
+    branches: list[list[FlowEvent | _Block]] = field(default_factory=list)
     complete: bool = False  # one of the branches is always taken
 
-    def add(self, part: FlowEvent[Value] | _Block[Value]) -> None:
-        if not self.branches:
-            self.branches.append([])
-        self.branches[-1].append(part)
 
-
-def reaching(marks: Iterable[FlowEvent[Value]], before: Value, *, top_first: bool) -> dict[int, frozenset[Value]]:
+def reaching(marks: Iterable[FlowEvent], before: Hashable, *, top_first: bool) -> dict[int, Values]:
     """Values that may hold at each "use", by its place.
 
     Args:
@@ -55,19 +55,35 @@ def reaching(marks: Iterable[FlowEvent[Value]], before: Value, *, top_first: boo
         before: the value at the start.
         top_first: whether what stands outside of routines runs before those that nothing calls.
     """
-    whole: _Block[Value] = _Block("routine")
-    routines: dict[str, _Block[Value]] = {}
-    open_ = [whole]
-    doubles: list[_Block[Value]] = []  # routines of a name that another one has
     events = sorted(marks, key=lambda each: each.place)
+    walk = _Walk(_routines(events))
+    top = walk.behind[""] if top_first else frozenset([_AtEntry("")])
+    begins = {name: walk.calls.get(name, top) for name in walk.routines} | {"": frozenset([before])}
+    everything = frozenset([before, *(mark.value for mark in events if mark.value is not None)])
+
+    def resolved(values: Values, passed: frozenset[str] = frozenset()) -> Values:
+        plain = frozenset(value for value in values if not isinstance(value, _AtEntry))
+        names = {value.name for value in values - plain} - passed
+        return plain.union(*(resolved(begins[name], passed | names) for name in names))
+
+    uses = (mark.place for mark in events if mark.kind == "use")
+    return {place: resolved(walk.found.get(place, frozenset())) or everything for place in uses}
+
+
+def _routines(events: Iterable[FlowEvent]) -> dict[str, _Block]:
+    """Blocks of the routines by their names, "" of what stands outside; several of one name are branches."""
+    routines = {"": _Block("routine", [[]], complete=True)}
+    open_ = [routines[""]]
     for mark in events:
         inner = open_[-1]
-        if mark.kind in _OPENING:
-            block: _Block[Value] = _Block(mark.kind, mark.name, [] if mark.kind == "switch" else [[]])
-            if mark.kind != "routine":
-                inner.add(block)
-            elif routines.setdefault(mark.name, block) is not block:
-                doubles.append(block)
+        parts = inner.branches[-1] if inner.branches else []  # of a switch, nothing runs before its first case
+        if mark.kind == "routine":
+            block = routines.setdefault(mark.name, _Block("routine", complete=True))
+            block.branches.append([])
+            open_.append(block)
+        elif mark.kind in ("if", "switch", "loop", "always"):
+            block = _Block(mark.kind, [] if mark.kind == "switch" else [[]])
+            parts.append(block)
             open_.append(block)
         elif mark.kind in ("else", "otherwise"):
             if inner.kind in ("if", "switch"):
@@ -76,58 +92,43 @@ def reaching(marks: Iterable[FlowEvent[Value]], before: Value, *, top_first: boo
         elif mark.kind == "end":
             open_ = open_[:-1] or open_
         else:
-            inner.add(mark)
-    walk = _Walk(routines, frozenset([before, *(mark.value for mark in events if mark.value is not None)]))
-    start, called = frozenset([before]), {mark.name for mark in events if mark.kind == "call"}
-    after = walk.through(whole.branches[0], start)
-    for block in routines.values():
-        if block.name not in called:
-            walk.through(block.branches[0], after if top_first else start)
-    for block in (*routines.values(), *doubles):  # those that only call each other
-        if block.name not in walk.entered or block in doubles:
-            walk.through(block.branches[0], start)
-    for block in routines.values() if walk.is_recursive else ():
-        walk.through(block.branches[0], walk.everything)
-    return {mark.place: frozenset(walk.found.get(mark.place, start)) for mark in events if mark.kind == "use"}
+            parts.append(mark)
+    return routines
 
 
-class _Walk(Generic[Value]):
-    def __init__(self, routines: dict[str, _Block[Value]], everything: frozenset[Value]) -> None:
-        self._routines = routines
-        self._after: dict[tuple[str, frozenset[Value]], frozenset[Value]] = {}  # a routine that begins with values
-        self._running: list[str] = []
-        self.everything = everything
-        self.found: dict[int, set[Value]] = {}
-        self.entered: set[str] = set()
-        self.is_recursive = False  # routines call themselves, or are called too deep to be followed
+class _Walk:
+    """What holds at each use and call, and behind each routine, walked until nothing more is found."""
 
-    def through(self, parts: Sequence[FlowEvent[Value] | _Block[Value]], state: frozenset[Value]) -> frozenset[Value]:
+    def __init__(self, routines: dict[str, _Block]) -> None:
+        self.routines = routines
+        self.behind: dict[str, Values] = dict.fromkeys(routines, frozenset())
+        self.found: dict[int, Values] = {}
+        self.calls: dict[str, Values] = {}
+        last = None
+        while last != self.behind:
+            last = dict(self.behind)
+            for name, block in routines.items():
+                self.behind[name] = self._block(block, frozenset([_AtEntry(name)]))
+
+    def _through(self, parts: Sequence[FlowEvent | _Block], state: Values) -> Values:
         for part in parts:
             if isinstance(part, _Block):
                 state = self._block(part, state)
-            elif part.kind == "set" and part.value is not None:
+            elif part.kind == "set":
                 state = frozenset([part.value])
             elif part.kind == "use":
-                self.found.setdefault(part.place, set()).update(state)
-            elif part.kind == "call" and part.name in self._routines:
-                state = self._call(part.name, state)
+                self.found[part.place] = self.found.get(part.place, frozenset()) | state
+            elif part.name in self.routines:
+                self.calls[part.name] = self.calls.get(part.name, frozenset()) | state
+                own = frozenset([_AtEntry(part.name)])
+                behind = self.behind[part.name]
+                state = behind - own | (state if own <= behind else frozenset())
         return state
 
-    def _block(self, block: _Block[Value], state: frozenset[Value]) -> frozenset[Value]:
+    def _block(self, block: _Block, state: Values) -> Values:
         if block.kind in ("loop", "always"):
-            state = state | self.through(block.branches[0], state)
-            after = self.through(block.branches[0], state)
+            state = state | self._through(block.branches[0], state)
+            after = self._through(block.branches[0], state)
             return after if block.kind == "always" else state | after
-        ends = [self.through(branch, state) for branch in block.branches]
+        ends = [self._through(branch, state) for branch in block.branches]
         return frozenset().union(*ends, frozenset() if block.complete else state)
-
-    def _call(self, name: str, state: frozenset[Value]) -> frozenset[Value]:
-        self.entered.add(name)
-        if name in self._running or len(self._running) > _DEEPEST:  # then anything may hold before and behind it
-            self.is_recursive = True
-            return self.everything
-        if (name, state) not in self._after:
-            self._running.append(name)
-            self._after[name, state] = self.through(self._routines[name].branches[0], state)
-            self._running.pop()
-        return self._after[name, state]

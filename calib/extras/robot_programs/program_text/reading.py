@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import ClassVar, Literal, Never
+from typing import ClassVar, Literal
 
-from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind, Value, reaching
+from calib.extras.robot_programs.program_text.flow import FlowEvent, FlowKind, Values, reaching
 from calib.extras.robot_programs.program_text.source import Item, Part, Source, Statement, Syntax
 from calib.extras.robot_programs.program_text.targets import (
     UNKNOWN_PLACE,
@@ -177,7 +177,7 @@ class ProgramReader(ABC):
             what = self.source.shown(part.start, item.parts[k - 1].end)
             self.changed.setdefault(name, f"{self.source.at_line(part.start)} sets {what} anew")
 
-    def _blocks(self) -> Iterable[FlowEvent[Never]]:
+    def _blocks(self) -> Iterable[FlowEvent]:
         """The program's routines, branches, loops and calls."""
         heads: set[int] = set()
         for statement in self.source.statements:
@@ -308,9 +308,9 @@ class ProgramReader(ABC):
             else:
                 yield target
 
-    def _reaching(self, before: Value, sets: Iterable[tuple[int, Value]]) -> dict[int, frozenset[Value]]:
+    def _reaching(self, before: Hashable, sets: Iterable[tuple[int, Hashable]]) -> dict[int, Values]:
         """Which of several values, set at places, may hold before each motion, by its place."""
-        uses: list[FlowEvent[Never]] = [FlowEvent(visit.aim.place, "use") for visit in self.visits]
+        uses: list[FlowEvent] = [FlowEvent(visit.aim.place, "use") for visit in self.visits]
         events = [FlowEvent(place, "set", value=value) for place, value in sets]
         return reaching([*self._structure, *uses, *events], before, top_first=self.top_first)
 
