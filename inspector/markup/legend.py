@@ -8,7 +8,7 @@ from calib.array_types import Array
 from calib.calibration.model_versions import EFFECTS
 from calib.dataset.dataset import Dataset
 from calib.present.names import instrument
-from inspector.markup.model.comparison import distance_bar, points_legend, roles_legend
+from inspector.markup.model.comparison import distance_bar, errors_legend, points_legend, roles_legend
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import (
     CHANGED,
@@ -20,7 +20,7 @@ from inspector.markup.parts.palette import (
     MODEL_COLOURS,
     REJECTED,
 )
-from inspector.session.view import View, corner_of
+from inspector.session.view import BY_ERROR, WORST, View, corner_of
 
 EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
 
@@ -60,8 +60,11 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
         [] if view.shows_difference else [version.name for version in view.versions if version.name in view.compared]
     )
     if compared and visible & {"residuals", "predicted"}:
+        if len(compared) == 1 and view.colouring != BY_ERROR:
+            parts.append(errors_legend(next(v for v in view.versions if v.name in compared), view))
         models = ((MODEL_COLOURS[name], name) for name in compared)
-        parts.append(elements.legend(models, before=f"residuals × {view.arrows:g} to"))
+        worst = f"arrows × {view.arrows:g}: the {WORST} worst and those selected, to"
+        parts.append(elements.legend(models, before=worst))
         before = view.version_before if "before" in visible and view.compared == {view.chosen} else None
         if before is not None:
             parts.append(elements.legend([(MODEL_BEFORE, "the model a step before")]))

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.workcell.bodies.arm_bodies import reach_mm
+from inspector.scene.arm_shape import arm_of
 from inspector.scene.draw_scan import middle_of
 from inspector.scene.floor import draw_floor, draw_scale
 from inspector.scene.scene_view import BESIDE, DOWN, LAYERS, SceneView
@@ -175,15 +176,17 @@ def arm_frame(view: View) -> Array | None:
 
 
 def arm_middle(view: View, scanner_T_base: Array, medians: Mapping[int, Array]) -> tuple[Array, float]:
-    """Centre (3,) and radius, mm, of the smallest ball around the robot's base and the measured points."""
+    """Centre (3,) and radius, mm, of a ball around the arm at the selected pose and the measured points."""
     points, radius = middle_of(view, medians)
     robot = view.session.dataset.robot
+    shape = None if view.version is None else arm_of(view.version, view.pose)
     if robot.carries_scanner:  # at the frame's origin, above the points; the arm is between it and the base
         ends = np.array([scanner_T_base[:3, 3], points, np.zeros(3)])
         middle = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
         reach = ARM_SHARE * reach_mm(robot)
         return middle, max(float(np.linalg.norm(ends - middle, axis=1).max()), reach)
-    away = scanner_T_base[:3, 3] - points
-    distance = max(float(np.linalg.norm(away)), 1e-9)
-    outside = max(distance - radius, 0.0)  # how far the base stands out of the points' ball
-    return points + 0.5 * outside * away / distance, radius + 0.5 * outside
+    arm = scanner_T_base[None, :3, 3] if shape is None else shape.base_T_link[:, :3, 3]
+    around = np.vstack([scanner_T_base[:3, 3], arm, points - radius, points + radius])
+    middle = 0.5 * (around.min(axis=0) + around.max(axis=0))
+    of_points = float(np.linalg.norm(points - middle)) + radius
+    return middle, max(of_points, float(np.linalg.norm(arm - middle, axis=1).max()))

@@ -1,12 +1,15 @@
-"""Residuals as arrows from measured to predicted points, at one scale for all versions of a dataset's model.
+"""Residuals as points coloured by error, and arrows of the worst, at one scale for all versions of a dataset's model.
 
-Of poses measured again under another condition: those before or after the change alone, or what the change moved.
+The nominal robot's errors choose lengths and colours, so that both shrink as the model gets better. Arrows go from the
+measured to the predicted point of the worst poses and of those selected. Of poses measured again under another
+condition: those before or after the change alone, or what the change moved.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import viser
@@ -16,20 +19,23 @@ from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 from calib.calibration.model_versions import EFFECTS, Version
 from calib.fitting.observations import Observations
 from calib.rendering import numbers
+from inspector.markup.model.comparison import error_limit_mm
+from inspector.markup.parts.colour_scale import ERROR, coloured
 from inspector.markup.parts.palette import CHANGED, MODEL_BEFORE, MODEL_COLOURS, rgb
 from inspector.scene.scene_view import M_PER_MM, Nodes, Pen, SceneView, to_scene
 from inspector.scene.shapes import dot_mm, facing, unit_cylinder, unit_sphere, upright
-from inspector.session.view import BEFORE, DIFFERENCE, FACTORS, View
+from inspector.session.view import BEFORE, DIFFERENCE, FACTORS, WORST, View
 
-USUAL_SHARE = 1 / 12  # of the field: most arrows are at most so long
-SEEN_SHARE = 0.02  # of the field: where the link errors' long ones are shorter, a larger factor is taken
-LONGEST_SHARE = 0.15  # of the field: the longest that an arrow is drawn by itself
-LONGEST_CHOSEN_SHARE = 0.6  # and by a factor that the user has chosen
+USUAL_SHARE = 1 / 6  # of the field: most of the nominal robot's arrows are at most so long
+LONGEST_SHARE = 0.6  # of the field: the longest that any arrow is drawn
 MOST = 90.0  # in 100 arrows count for the factor: a wild one does not
+NEAR_MM = 400.0  # the least field: sockets of a plate are a hand's breadth apart
 ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
 TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
 TOUCH = 3.0  # of what is drawn: how much wider is what takes its clicks, which is not seen
 CUT_LABELS = 3  # arrows that are cut and carry a label with their length
+APART_SHARE = 0.1  # of the field: labels nearer to one another would lie on one another
+_MOVING = (viser.ArrowsHandle, viser.PointCloudHandle, viser.LabelHandle)
 ABOVE_MM = 20.0  # height of the legend over the points
 
 
@@ -37,31 +43,21 @@ ABOVE_MM = 20.0  # height of the legend over the points
 
 
 def field_mm(points_mm: Array) -> float:
-    """Diagonal of the bounding box of the measured points (K, 3), mm."""
-    return float(np.linalg.norm(np.ptp(points_mm, axis=0))) if len(points_mm) else 0.0
+    """Diagonal of the bounding box of the measured points (K, 3), mm; of one place that of what is near it."""
+    return max(float(np.linalg.norm(np.ptp(points_mm, axis=0))), NEAR_MM) if len(points_mm) else 0.0
 
 
 def fitting_arrows(view: View) -> float:
-    """Default enlargement of drawn residuals, equal for all versions of a model, so that arrows shrink as it improves.
-
-    The nominal robot's errors choose it. Where those that the link errors leave would then hardly be seen, these choose
-    it, and the nominal robot's longest arrows are cut.
-    """
+    """Default enlargement of residuals, by the nominal robot's alone, so that arrows shrink as the model improves."""
     versions = view.session.versions
     if view.shown_pairs is not None and view.shows_difference:
         moved = view.shown_pairs[1]
         return _fitting(moved.longest_mm, field_mm(moved.place_mm))
     if not versions or versions[0].calibration.dataset.points is None:
         return view.arrows
-    field = field_mm(versions[0].calibration.dataset.points.xyz_mm)
-    nominal, links = _long_mm(versions[0]), _long_mm(versions[min(1, len(versions) - 1)])
-    factor = _fitting(nominal, field)
-    return factor if factor * links >= SEEN_SHARE * field else max(factor, _fitting(links, field))
-
-
-def _long_mm(version: Version) -> float:
-    lengths = np.linalg.norm(version.evaluation.error_mm, axis=1)
-    return float(np.percentile(lengths, MOST)) if len(lengths) else 0.0
+    lengths = np.linalg.norm(versions[0].evaluation.error_mm, axis=1)
+    long_mm = float(np.percentile(lengths, MOST)) if len(lengths) else 0.0
+    return _fitting(long_mm, field_mm(versions[0].calibration.dataset.points.xyz_mm))
 
 
 def _fitting(error_mm: float, field: float) -> float:
@@ -71,7 +67,7 @@ def _fitting(error_mm: float, field: float) -> float:
 def drawn_as(error_mm: Array, view: View, field: float) -> tuple[Array, BoolArray]:
     """Arrows (K, 3) for errors (K, 3), enlarged by `view.arrows`, and a mask (K,) of those that were shortened."""
     arrows = view.arrows * error_mm
-    most = (LONGEST_CHOSEN_SHARE if view.arrows_chosen else LONGEST_SHARE) * field
+    most = LONGEST_SHARE * field
     lengths = np.linalg.norm(arrows, axis=1)
     cut = lengths > most * (1 + 1e-9)
     return np.where(cut[:, None], arrows * (most / np.maximum(lengths, 1e-12))[:, None], arrows), cut
@@ -104,6 +100,7 @@ class _Arrows:
     tip_mm: Array  # (K, 3) ends of the enlarged arrows
     cut: BoolArray  # (K,) whether the arrow was shortened
     pose: IndexArray  # (K,) pose of each point
+    chosen: BoolArray  # (K,) whether an arrow is drawn
 
 
 def _arrows_of(version: Version, view: View) -> _Arrows:
@@ -115,7 +112,12 @@ def _arrows_of(version: Version, view: View) -> _Arrows:
         part, pairs = view.shown_pairs
         here = np.isin(measured.pose, pairs.before if part == BEFORE else pairs.after)
     pose, error = measured.pose[here], version.evaluation.error_mm[here]
-    return _drawn(measured.xyz_mm[here], error, pose, version, view)
+    arrows = _drawn(measured.xyz_mm[here], error, pose, version, view)
+    length_mm = np.linalg.norm(error, axis=1)
+    worst = np.argsort(-length_mm, kind="stable")[:WORST]
+    selected = np.isin(pose, (view.pose, *view.boxed))
+    chosen = (length_mm > 0) & (selected | np.isin(np.arange(len(pose)), worst))
+    return replace(arrows, chosen=chosen)
 
 
 def _differences_of(view: View) -> tuple[_Arrows, _Arrows] | None:
@@ -140,13 +142,14 @@ def _drawn(start_mm: Array, error_mm: Array, pose: IndexArray, version: Version,
         start_mm[elsewhere] = frames.apply(here_T_there, start_mm[elsewhere])
         error_mm[elsewhere] = (here_T_there[:, :3, :3] @ error_mm[elsewhere][:, :, None])[..., 0]
     arrows, cut = drawn_as(error_mm, view, field_mm(start_mm))
-    return _Arrows(start_mm, error_mm, start_mm + arrows, cut, pose)
+    return _Arrows(start_mm, error_mm, start_mm + arrows, cut, pose, np.linalg.norm(error_mm, axis=1) > 0)
 
 
 class ResidualArrows:
-    """Drawing of arrows from measured points to each compared version's predictions, enlarged by `View.arrows`.
+    """Drawing of each compared version's predictions, with arrows from the measured points, enlarged by `View.arrows`.
 
-    One version alone is drawn over thin lines of the model before it, from which `between` moves the arrows. Where what
+    One version alone has its points coloured by error, over thin lines of the model before it, from which `between`
+    moves both. Where what
     a change moved is shown (`View.pairs`), arrows are of that, over thin lines of what the proven causes explain.
 
     on_click: called with the index of the pose whose arrow or predicted point was clicked.
@@ -156,7 +159,9 @@ class ResidualArrows:
         self._scene, self._on_click = scene, on_click
         self._last: _Arrows | None = None  # those of the only version on show
         self._before: _Arrows | None = None  # those of the version before it
-        self._nodes: tuple[viser.SceneNodeHandle, ...] = ()  # arrows and predicted points that can move
+        self._nodes: tuple[viser.SceneNodeHandle, ...] = ()  # arrows, points and label that follow `between`
+        self._limit_mm = 1.0  # end of the colour scale
+        self._factor = 1.0
 
     def draw(self, view: View) -> None:
         """Draw the compared versions, or what a change moved."""
@@ -168,21 +173,26 @@ class ResidualArrows:
         drawn = {v.name: _arrows_of(v, view) for v in view.versions if v.name in view.compared}
         self._last = next(iter(drawn.values())) if len(drawn) == 1 else None
         if view.version is not None and view.version_before is not None and set(drawn) == {view.version.name}:
-            self._before = _arrows_of(view.version_before, view)
+            before, now = _arrows_of(view.version_before, view), drawn[view.version.name]
+            self._before = replace(before, chosen=now.chosen) if len(before.pose) == len(now.pose) else before
+        self._limit_mm, self._factor = error_limit_mm(view), view.arrows
         self._draw(view, drawn)
 
     def between(self, share: float) -> None:
-        """Draw arrows interpolated from the version before (share 0) to the version on show (share 1)."""
+        """Draw arrows, colours and label interpolated from the version before (share 0) to that on show (share 1)."""
         now, before = self._last, self._before
         if now is None or before is None or now.tip_mm.shape != before.tip_mm.shape:
             return
         tips = before.tip_mm + share * (now.tip_mm - before.tip_mm)
-        shown = np.linalg.norm(now.error_mm, axis=1) > 0
+        length_mm = np.linalg.norm(before.error_mm + share * (now.error_mm - before.error_mm), axis=1)
         for node in self._nodes:
             if isinstance(node, viser.ArrowsHandle):
-                node.points = to_scene(np.stack([now.start_mm, tips], axis=1)[shown])
+                node.points = to_scene(np.stack([now.start_mm, tips], axis=1)[now.chosen])
             elif isinstance(node, viser.PointCloudHandle):
                 node.points = to_scene(tips)
+                node.colors = coloured(length_mm, 0.0, self._limit_mm, ERROR)
+            elif isinstance(node, viser.LabelHandle):
+                node.text = residual_words(self._factor, {"": float(length_mm.max(initial=0.0))})
 
     def _draw(self, view: View, drawn: Mapping[str, _Arrows]) -> None:
         start = np.concatenate([a.start_mm for a in drawn.values()]) if drawn else np.zeros((0, 3))
@@ -191,10 +201,11 @@ class ResidualArrows:
             return
         longest = {name: float(np.linalg.norm(a.error_mm, axis=1).max(initial=0.0)) for name, a in drawn.items()}
         text = residual_words(view.arrows, longest, sum(int(a.cut.sum()) for a in drawn.values()))
-        made: list[viser.SceneNodeHandle] = []  # arrows and predicted points, the first of each layer
+        made: list[viser.SceneNodeHandle] = []
 
         def kept(nodes: Nodes) -> Nodes:
-            made.extend(nodes[:1])
+            firsts = {type(node): node for node in reversed(nodes)}  # the legend, before the lengths of cut arrows
+            made.extend(node for kind, node in firsts.items() if kind in _MOVING)
             return nodes
 
         self._scene.draw("residuals", lambda pen: kept(self._residuals(pen, drawn, MODEL_COLOURS, start, text)))
@@ -245,7 +256,7 @@ class ResidualArrows:
         of_models = enumerate(drawn.items())
         return [
             *(
-                pen.points(str(k), a.tip_mm, rgb(MODEL_COLOURS[name]), size_mm)
+                pen.points(str(k), a.tip_mm, self._colours(name, a), size_mm)
                 for k, (name, a) in of_models
                 if len(a.pose)
             ),
@@ -254,6 +265,12 @@ class ResidualArrows:
             ),
         ]
 
+    def _colours(self, name: str, arrows: _Arrows) -> Any:
+        """Colours of a model's predicted points: by their errors where it is drawn alone, else the model's own."""
+        if self._last is None:
+            return rgb(MODEL_COLOURS[name])
+        return coloured(np.linalg.norm(arrows.error_mm, axis=1), 0.0, self._limit_mm, ERROR)
+
 
 def _above(points_mm: Array) -> Array:
     """Place (3,) of the legend over points (K, 3)."""
@@ -261,24 +278,31 @@ def _above(points_mm: Array) -> Array:
 
 
 def _thin_lines(pen: Pen, arrows: _Arrows, colour: str) -> viser.SceneNodeHandle:
-    """Node of thin lines along arrows."""
-    return pen.lines("lines", np.stack([arrows.start_mm, arrows.tip_mm], axis=1), rgb(colour), 1.0)
+    """Node of thin lines along arrows that are drawn."""
+    lines_mm = np.stack([arrows.start_mm, arrows.tip_mm], axis=1)[arrows.chosen]
+    return pen.lines("lines", lines_mm, rgb(colour), 1.0)
 
 
 def _joined(drawn: Mapping[str, _Arrows], by_name: Mapping[str, str]) -> tuple[Array, ByteArray, IndexArray]:
-    """Arrows (K, 2, 3) of non-zero length, with colours (K, 3), by name, and poses (K,)."""
+    """Arrows (K, 2, 3) that are drawn, with colours (K, 3), by name, and poses (K,)."""
     arrows, colours, poses = [], [], []
     for name, each in drawn.items():
-        shown = np.linalg.norm(each.error_mm, axis=1) > 0
-        arrows.append(np.stack([each.start_mm, each.tip_mm], axis=1)[shown])
-        colours.append(np.tile(np.array(rgb(by_name[name]), dtype=np.uint8), (int(shown.sum()), 1)))
-        poses.append(each.pose[shown])
+        arrows.append(np.stack([each.start_mm, each.tip_mm], axis=1)[each.chosen])
+        colours.append(np.tile(np.array(rgb(by_name[name]), dtype=np.uint8), (int(each.chosen.sum()), 1)))
+        poses.append(each.pose[each.chosen])
     return np.concatenate(arrows), np.concatenate(colours), np.concatenate(poses)
 
 
 def _lengths_of_cut(drawn: Mapping[str, _Arrows]) -> list[tuple[Array, str]]:
-    """End points (3,) of the longest shortened arrows, with the true lengths of their errors."""
+    """End points (3,) of the longest shortened arrows, with the true lengths of their errors, none beside another."""
     all_cut = [
-        (float(np.linalg.norm(a.error_mm[i])), a.tip_mm[i]) for a in drawn.values() for i in np.flatnonzero(a.cut)
+        (float(np.linalg.norm(a.error_mm[i])), a.tip_mm[i])
+        for a in drawn.values()
+        for i in np.flatnonzero(a.cut & a.chosen)
     ]
-    return [(tip, f"{numbers.length(mm)}, cut") for mm, tip in sorted(all_cut, key=lambda each: -each[0])[:CUT_LABELS]]
+    apart_mm = APART_SHARE * field_mm(np.concatenate([a.start_mm for a in drawn.values()]))
+    labels: list[tuple[Array, str]] = []
+    for mm, tip in sorted(all_cut, key=lambda each: -each[0]):
+        if len(labels) < CUT_LABELS and all(np.linalg.norm(tip - other) > apart_mm for other, _ in labels):
+            labels.append((tip, f"{numbers.length(mm)}, cut"))
+    return labels

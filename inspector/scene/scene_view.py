@@ -281,7 +281,7 @@ class SceneView:
         pen = self._pen("scanner")
         self._scene.add_frame(pen.of("axes"), axes_length=0.06, axes_radius=0.0015)
         text = f"{noun} (z: view)" if noun == "scanner" else noun
-        self._scene.add_label(pen.of("label"), text, font_screen_scale=0.8)
+        self._scene.add_label(pen.of("label"), text, font_screen_scale=0.8, anchor="center-right")
         if self._field is not None:
             self._field.remove()
         edges = None if field is None else frustum_edges(field.corners_mm)

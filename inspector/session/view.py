@@ -35,6 +35,7 @@ BY_ROLE, BY_ERROR = "by role", "by error"
 COLOURINGS = (BY_ROLE, BY_ERROR)
 ALL_POSES, BEFORE, AFTER, DIFFERENCE = "all poses", "before the change", "after the change", "difference"
 PAIR_VIEWS = (BEFORE, AFTER, DIFFERENCE)  # of poses that were measured again under another condition
+WORST = 10  # poses whose residuals have an arrow, beside those selected
 FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids
 
 

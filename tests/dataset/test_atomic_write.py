@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,7 +21,7 @@ def test_no_file_of_a_set_is_changed_where_one_cannot_be_written(
     made = tempfile.mkstemp
     asked: list[str] = []
 
-    def full_at_the_second(**given: str) -> tuple[int, str]:
+    def full_at_the_second(**given: Any) -> tuple[int, str]:
         asked.append(given["prefix"])
         if len(asked) == 2:
             raise OSError(28, "No space left on device")

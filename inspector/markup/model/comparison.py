@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
+from calib.calibration.model_versions import Version
 from calib.calibration.noise_level import noise_level
 from calib.present.fit.errors import errors_by_version, pose_error_by_version
 from calib.present.names import ROLES
@@ -39,13 +40,15 @@ def points_legend(view: View) -> str:
     """HTML legend of the measured points' colours."""
     if view.colouring != BY_ERROR or view.version is None:
         return roles_legend(view)
-    level = noise_level(view.version.calibration)
+    return errors_legend(view.version, view)
+
+
+def errors_legend(version: Version, view: View) -> str:
+    """HTML colour scale of a version's errors, with the error by noise alone."""
+    level = noise_level(version.calibration)
     floor = level.floor_mm
-    return colour_scale.bar(
-        f"Measured points: 3D error of {view.version.name}", 0.0, error_limit_mm(view),
-        colour_scale.ERROR,
-        mark=None if floor is None else (floor, f"{level.name}, {numbers.length(floor)}"),
-    )  # fmt: skip
+    mark = None if floor is None else (floor, f"{level.name}, {numbers.length(floor)}")
+    return colour_scale.bar(f"3D error of {version.name}", 0.0, error_limit_mm(view), colour_scale.ERROR, mark=mark)
 
 
 def distance_bar(distances_mm: Array) -> str:
@@ -98,10 +101,10 @@ def roles_legend(view: View) -> str:
 
 
 def error_limit_mm(view: View) -> float:
-    """Upper end of the error colour scale, mm: the largest pose error of the chosen version."""
-    if view.version is None:
-        return 1.0
-    return colour_scale.round_limit(float(np.nanmax(view.version.pose_errors_mm(), initial=0.0)))
+    """Upper end of the colour scale of all versions' errors, mm: below it are nine in ten of the nominal robot's."""
+    errors_mm = view.versions[0].pose_errors_mm() if view.versions else np.zeros(0)
+    known = errors_mm[np.isfinite(errors_mm)]
+    return colour_scale.round_limit(float(np.percentile(known, 90))) if len(known) else 1.0
 
 
 def distance_limit_mm(distances_mm: Array) -> float:

@@ -17,7 +17,7 @@ from inspector.app.app import App
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.parts.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
 from inspector.scene.scene_view import ROOT
-from inspector.session.view import BY_ERROR, BY_ROLE
+from inspector.session.view import BY_ERROR, BY_ROLE, WORST
 from tests.support.app import IDLE_S, idle, plain
 from tests.support.hidden_dataset import write_hidden
 from tests.support.tiny_dataset import BROKEN, box_stl, write_tiny
@@ -94,8 +94,9 @@ def test_arrows_and_predicted_points_of_each_ticked_version(app: App, page: Wire
         tips = measured.xyz_mm + 30.0 * error
         np.testing.assert_allclose(1000 * array(page, f"predicted/{number}", "points", 3), tips, atol=1e-3)
         own = arrows[(colours == rgb(MODEL_COLOURS[name])).all(axis=1)]
-        np.testing.assert_allclose(own[:, 0], measured.xyz_mm, atol=1e-3)
-        np.testing.assert_allclose(own[:, 1], tips, atol=1e-3)
+        worst = np.union1d(np.argsort(-np.linalg.norm(error, axis=1), kind="stable")[:WORST], [0])  # and the selected
+        np.testing.assert_allclose(own[:, 0], measured.xyz_mm[worst], atol=1e-3)
+        np.testing.assert_allclose(own[:, 1], tips[worst], atol=1e-3)
     page.set(NOMINAL, False)
     page.set(LINKS, False)
     page.wait(lambda p: not [n for n in p.scene if n.startswith(f"{ROOT}/residuals/")])
@@ -110,7 +111,7 @@ def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireCl
     idle(app)
     limit = error_limit_mm(app.state.now)
     errors = version(app, LINKS).pose_errors_mm()
-    assert limit / 2.01 <= errors.max() <= limit
+    assert limit / 2.51 <= np.percentile(version(app, NOMINAL).pose_errors_mm(), 90) <= limit  # one for all versions
     page.wait(lambda p: f"{limit:g} mm" in plain(p))
     page.wait(lambda p: not np.array_equal(array(p, "corners/points", "colors", 3), expected))
     drawn = array(page, "corners/points", "colors", 3).astype(int)

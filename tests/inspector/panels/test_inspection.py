@@ -96,9 +96,9 @@ def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: Wir
         "Scan": ("face 1", "this corner"),
         "Planes": ("face 1", "plane group not chosen", "sets rejected by filter"),
         "Corner": ("face 3", "this corner"),
-        "All corners": ("training", "residuals ×"),
+        "All corners": ("training", "arrows ×"),
         "Distance": ("Distance to the nearest chosen face", "face 2"),
-        "Arm": ("training", "residuals ×", "selected pose", "floor, 100 mm a square"),
+        "Arm": ("training", "arrows ×", "selected pose", "floor, 100 mm a square"),
     }
     app.show_view(look)
     idle(app)
