@@ -38,7 +38,7 @@ def simulated(fleets: int, arms: int, scatter: float, foreign: bool, effects: Se
         ratios.append(errors[1] / errors[0])
         print(
             f"{fleet[-1].robot.name:8} {seed:3d}: alone {errors[0]:.3f} mm, from its type {errors[1]:.3f} mm, "
-            f"prior x {found.widened}, log Bayes factor {found.log_bayes_factor:.1f}",
+            f"{'of its type' if found.is_of_type else 'alone'}, log Bayes factor {found.log_bayes_factor:.1f}",
             flush=True,
         )
     _told(ratios)

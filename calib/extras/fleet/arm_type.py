@@ -6,8 +6,8 @@ not tells nothing: the information of its fit counts, without the fit's own prio
 the type.
 
 The fit of another arm has m_j as its prior mean and, as its sigma, the scatter with the uncertainty of the mean. The
-arm's own points decide whether it is of that type: fits with this sigma, with it widened, and without the type compete
-by their evidence (Laplace's approximation, MacKay 1992).
+arm's own points decide whether it is of that type: fits with and without it compete by their evidence (Laplace's
+approximation, MacKay 1992).
 """
 
 from __future__ import annotations
@@ -29,13 +29,10 @@ from calib.effects.effect import Effect
 from calib.errors import CalibError, FitError
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual_kinds import make_residuals
-from calib.lazy_modules import pd
 from calib.options import NEW_ARM_POSES, FitOptions, TypePrior
 from calib.presented import Presented
 
 FEWEST_ARMS = 2
-_OF_SETUP = 10  # poses, that tell a setup's frame
-WIDENED = (1.0, 2.0, 4.0)  # factors of the type's sigmas that compete
 MIN_LEAD = 3.0  # log evidence by which the type has to be better than the arm alone
 _USUAL = 0.5  # arms that the usual tolerance counts as, in the estimate of a scatter
 _LEAST = 0.02  # of the usual tolerance, that a scatter may be
@@ -52,9 +49,11 @@ class ArmType:
     prior: TypePrior
     members: tuple[Effect, ...] = ()  # of effects that its arms have
 
-    def widened(self, factor: float) -> TypePrior:
-        """The prior with its sigmas times a factor."""
-        return replace(self.prior, sigmas={name: factor * sigma for name, sigma in self.prior.sigmas.items()})
+    @property
+    def parameters(self) -> list[dict[str, object]]:
+        """Each parameter that the arms share, with its mean and the sigma of another arm's about it."""
+        sigmas = self.prior.sigmas
+        return [{"name": name, "mean": mean, "sigma": sigmas[name]} for name, mean in self.prior.means.items()]
 
 
 @dataclass(frozen=True)
@@ -63,8 +62,12 @@ class PooledFit:
 
     calibration: Calibration
     alone: Calibration  # the best fit without the type
-    widened: float | None  # factor of the type's sigmas; None: the arm is fitted alone
-    log_bayes_factor: float  # of the best fit with the type over the one alone
+    log_bayes_factor: float  # of the fit with the type over the one alone
+
+    @property
+    def is_of_type(self) -> bool:
+        """Whether the points speak for the type; if not the arm is fitted alone."""
+        return self.log_bayes_factor >= MIN_LEAD
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class LeftOutArm:
     poses: int  # that were fitted
     alone_mm: float  # 3D RMSE
     pooled_mm: float
-    widened: float | None
+    is_of_type: bool
     log_bayes_factor: float  # of the type over the arm alone
 
     @property
@@ -239,17 +242,10 @@ def fit_from_type(dataset: Dataset, arm_type: ArmType, options: FitOptions = Fit
         with suppress(FitError):  # of too few poses for the effects without the type
             alone.append(fit_measured(dataset, plain, effects=arm_type.members))
     best_alone = max(alone, key=_log_evidence)
-    pooled = {
-        factor: fit_measured(
-            dataset, replace(options, type_prior=arm_type.widened(factor)), effects=arm_type.members, start=alone[0]
-        )
-        for factor in WIDENED
-    }
-    best = max(pooled, key=lambda factor: _log_evidence(pooled[factor]))
-    lead = _log_evidence(pooled[best]) - _log_evidence(best_alone)
-    if lead < MIN_LEAD:
-        return PooledFit(best_alone, best_alone, None, lead)
-    return PooledFit(pooled[best], best_alone, best, lead)
+    of_type = replace(options, type_prior=arm_type.prior)
+    pooled = fit_measured(dataset, of_type, effects=arm_type.members, start=alone[0])
+    lead = _log_evidence(pooled) - _log_evidence(best_alone)
+    return PooledFit(pooled if lead >= MIN_LEAD else best_alone, best_alone, lead)
 
 
 def type_report(
@@ -283,24 +279,22 @@ def type_report(
             count = int(np.count_nonzero(~few.poses.is_test))
             left_out.append(
                 LeftOutArm(
-                    dataset.name, count, errors[0].rmse_mm, errors[1].rmse_mm, found.widened, found.log_bayes_factor
+                    dataset.name, count, errors[0].rmse_mm, errors[1].rmse_mm, found.is_of_type, found.log_bayes_factor
                 )
             )
     return TypeReport(learn_type(fits), tuple(left_out))
 
 
 def with_few_poses(dataset: Dataset, count: int, rng: np.random.Generator) -> Dataset:
-    """Dataset of which only some training poses are fitted, drawn at random from few setups; all others are tests.
+    """Dataset of which some training poses are fitted, drawn at random one setup after the other; all others are tests.
 
-    A setup with hardly any fitted pose has no frame to speak of, one with none has that of its own test poses.
+    A setup with no fitted pose has the frame of its own test poses.
     """
     poses = dataset.poses
     assert dataset.points is not None
-    measured = np.intersect1d(np.flatnonzero(~poses.is_test), dataset.points.pose)
-    setups = rng.permutation(np.unique(poses.setup[measured]))[: max(count // _OF_SETUP, 1)]
-    offered = rng.permutation(measured[np.isin(poses.setup[measured], setups)])
-    turn = pd.Series(offered).groupby(poses.setup[offered]).cumcount()  # one pose of each setup after the other
-    kept = offered[np.argsort(turn, kind="stable")][:count]
+    measured = rng.permutation(np.intersect1d(np.flatnonzero(~poses.is_test), dataset.points.pose))
+    setups = poses.setup[measured].tolist()
+    kept = measured[np.argsort([setups.index(setup) for setup in setups], kind="stable")][:count]
     role = np.full(len(poses), "test", dtype="<U9")
     role[kept] = "train"
     role[kept[0]] = "reference"

@@ -10,8 +10,6 @@ from pathlib import Path
 from calib.errors import DatasetError
 from calib.extras.fleet.row import Failure
 
-MOST_LEVELS = 32
-
 
 @dataclass(frozen=True)
 class Discovered:
@@ -48,17 +46,15 @@ def discover(folder: Path) -> Discovered:
 
 def _walk(folder: Path) -> Iterator[tuple[str, str]]:
     """Pairs of path and reason: each dataset with reason "", each folder that cannot be listed with the reason."""
-    seen: set[tuple[int, int]] = set()
+    seen: set[str] = set()
     refused: list[OSError] = []
     for place, below, files in os.walk(folder, followlinks=True, onerror=refused.append):
-        status, path = Path(place).stat(), Path(place).relative_to(folder)
-        known = (status.st_dev, status.st_ino) in seen
-        seen.add((status.st_dev, status.st_ino))
-        is_dataset = "dataset.toml" in files
-        if is_dataset and not known:
+        path, real = Path(place).relative_to(folder), os.path.realpath(place)
+        if "dataset.toml" in files and real not in seen:
             yield path.as_posix(), ""
-        go_on = not (known or is_dataset) and len(path.parts) < MOST_LEVELS
-        below[:] = sorted(name for name in below if not name.startswith(".")) if go_on else []
+        is_end = real in seen or "dataset.toml" in files
+        below[:] = [] if is_end else sorted(name for name in below if not name.startswith("."))
+        seen.add(real)
     for error in refused:
         path = Path(error.filename).relative_to(folder)
         yield path.as_posix(), f"cannot be looked into ({error.strerror or error})"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.search_space import add_in_turn
 from calib.errors import CalibError
-from calib.extras.fleet.judge import FleetOptions, Judged, key_of, one_line
+from calib.extras.fleet.judge import Judged, key_of, one_line
 from calib.extras.fleet.row import Row
 from calib.plugins import contributions, load
 from calib.validation.cell_changes import NOT_OF_THE_ARM, CellChanges, Change, ChangeTest
@@ -22,19 +23,15 @@ class Drift:
 
     base: str  # path
     later: str
-    verdict: str  # unchanged, changed, unclear; "" where they cannot be compared
-    changes: tuple[Change, ...]
-    rmse_mm: float | None  # 3D error of the later points by the earlier calibration
-    expected_mm: float | None  # part of rmse_mm that noise alone makes
-    poses: int = 0  # of the later dataset that were compared
+    verdict: str = ""  # unchanged, changed, unclear; "" where they cannot be compared
+    changes: tuple[Change, ...] = ()
+    rmse_mm: float | None = None  # 3D error of the later points by the earlier calibration
     reason: str = ""  # why they cannot be compared, or what is wrong with the later poses.csv; one line
-    settled: bool = True  # whether another try with the same files would give the same
 
     @property
-    def of_the_arm(self) -> tuple[Change, ...]:
-        """Changes of the arm itself, where the verdict is unambiguous."""
-        clear = self.verdict == "changed"
-        return tuple(c for c in self.changes if clear and c.what not in NOT_OF_THE_ARM)
+    def of_the_arm(self) -> bool:
+        """Whether the arm itself changed, where the verdict is unambiguous."""
+        return self.verdict == "changed" and any(c.what not in NOT_OF_THE_ARM for c in self.changes)
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,6 @@ class DriftTask:
     folder: str
     base: Judged
     later: Judged
-    options: FleetOptions
 
     @property
     def key(self) -> str:
@@ -63,14 +59,13 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
     None where nothing tests for changes. Datasets without a serial number or a date are in no pair. A few check poses
     are too few for a fit and are compared with the last calibration before them.
     """
-    dated = sorted((row for row in rows if row.serial and row.date), key=lambda row: (row.arm, row.date, row.path))
+    dated = [row for row in rows if row.serial and row.date] if change_test() is not None else []
     out = []
-    for later in range(1, len(dated)) if change_test() is not None else ():
-        row = dated[later]
-        earlier = (other for other in reversed(dated[:later]) if other.arm == row.arm)
-        base = next((other for other in earlier if other.verdict and other.date < row.date), None)
-        if base is not None:
-            out.append((base, row))
+    for _, of_arm in groupby(sorted(dated, key=lambda row: (row.arm, row.date, row.path)), lambda row: row.arm):
+        of_arm_in_order = list(of_arm)
+        for row in of_arm_in_order:
+            fitted = [base for base in of_arm_in_order if base.verdict and base.date < row.date]
+            out += [(base, row) for base in fitted[-1:]]
     return out
 
 
@@ -80,14 +75,12 @@ def compare(task: DriftTask) -> Drift:
     test = change_test()
     assert test is not None  # or there was no pair to compare
     try:
-        fits = add_in_turn(_measured(task, task.base), base.missing, task.options.fit.with_residual("position"))
+        fits = add_in_turn(_measured(task, task.base), base.missing)
         found: CellChanges = load(test.compare)(fits[-1].calibration, _measured(task, task.later))
     except CalibError as error:
-        return Drift(base.path, later.path, "", (), None, None, reason=one_line(str(error)))
-    return Drift(
-        base.path, later.path, found.verdict, found.changes, found.rmse_mm, found.expected_mm, found.poses,
-        one_line(found.data_problem),
-    )  # fmt: skip
+        return Drift(base.path, later.path, reason=one_line(str(error)))
+    reason = one_line(found.data_problem)
+    return Drift(base.path, later.path, found.verdict, found.changes, found.rmse_mm, reason)
 
 
 def _measured(task: DriftTask, judged: Judged) -> Dataset:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import platform
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
-from functools import cache
-from importlib.metadata import version
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-import calib
 from calib.api.validation import check
 from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
@@ -25,24 +21,16 @@ from calib.diagnosis.headline import headline_of
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import family_name
 from calib.extras.fleet.row import EffectSize, Rmse, Row
+from calib.extras.fleet.workers import versions
 from calib.lazy_modules import pd
 from calib.measurement.measured_points import failed_searches, require_corners
-from calib.options import FitOptions
+from calib.present.results import keys_of
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.strict_json import to_json
 from calib.targets.batch import find_targets
 from calib.validation.acceptance import Check, TooFewPoses
 
 LONGEST_REASON = 400  # characters
-PACKAGES = ("numpy", "scipy", "pandas")
-
-
-@dataclass(frozen=True)
-class FleetOptions:
-    """Options for the processing of each dataset of a fleet."""
-
-    fit: FitOptions = field(default_factory=FitOptions)
-    max_test_rmse_mm: float | None = None  # largest error of the test poses; None: less than that of the nominal robot
 
 
 @dataclass(frozen=True)
@@ -51,7 +39,6 @@ class Task:
 
     folder: str  # of the fleet
     path: str  # of the dataset below it
-    options: FleetOptions
     known: str = ""  # key of the row of an earlier run
 
 
@@ -59,7 +46,7 @@ class Task:
 class Judged:
     """Result of processing one dataset: its row of the table, with key, found points and duration."""
 
-    key: str  # hash of the files, options and versions that the row depends on
+    key: str  # hash of the files and versions that the row depends on
     row: Row
     found: Points | None  # where the dataset has scans
     seconds: float
@@ -75,23 +62,24 @@ def judge(task: Task) -> Judged | None:
     """Row of the fleet's table for one dataset; None where that of an earlier run is still valid."""
     started = perf_counter()
     dataset = load_dataset(Path(task.folder) / task.path)
-    key = row_key(fingerprint(dataset), task.options)
+    key = key_of({"files": dict(sorted(fingerprint(dataset).items())), "versions": versions()})
     if key == task.known:
         return None
     searches = None
     if dataset.points is None:
         searches = find_targets(dataset, intermediate=False)
         require_corners(dataset, searches)
-    checked = check(dataset, searches, task.options.fit, max_test_rmse_mm=task.options.max_test_rmse_mm)
+    checked = check(dataset, searches)
     found = None if searches is None else checked.dataset.points
     return Judged(key, row_of(task.path, checked, failed_searches(searches or {})), found, perf_counter() - started)
 
 
 def row_of(path: str, checked: Check, without_corner: Iterable[str] = ()) -> Row:
     """Row of the fleet's table for a checked dataset."""
-    dataset, found = checked.dataset, checked.diagnosis
-    links = checked.calibration if found is None else found.steps[0].calibration
-    last = checked.calibration if found is None else found.calibration
+    dataset, found, fits = checked.dataset, checked.diagnosis, [checked.calibration]
+    if found is not None:
+        fits = [found.steps[0].calibration, found.calibration]
+    last = fits[-1]
     about = {
         str(key): one_line(str(value))
         for flat in pd.json_normalize(dict(dataset.about.extra)).to_dict("records")  # gears.J3 of nested tables
@@ -100,44 +88,40 @@ def row_of(path: str, checked: Check, without_corner: Iterable[str] = ()) -> Row
     }
     if dataset.about.operator:
         about["operator"] = dataset.about.operator
-    stood_out = () if last is None else last.outliers
     told = None if last is None else headline_of([last])
     tried = (i for i in checked.items if i.name == "diagnosis" or isinstance(i.evidence, TooFewPoses))
+    left_out = (*without_corner, *(last.outliers if last else ()), *(found.steps[-1].left_out if found else ()))
     row = Row(
         path=path,
         name=dataset.name,
-        serial=dataset.about.serial,
-        site=dataset.about.site,
-        date=dataset.about.date,
+        **keys_of(dataset.about, "serial", "site", "date"),
         about=dict(sorted(about.items())),
         robot=dataset.robot.name,
         joints=dataset.robot.n_joints,
         poses=len(dataset.poses),
         points=0 if dataset.points is None else len(dataset.points),
-        left_out=tuple(dict.fromkeys([*without_corner, *stood_out])),
-        train=_rmse(links, last, "train"),
-        test=_rmse(links, last, "test"),
+        left_out=tuple(dict.fromkeys(left_out)),
+        train=_rmse(fits, "train"),
+        test=_rmse(fits, "test"),
         noise_ratio=None if told is None or told.noise.source == FIT else told.noise_ratio,
         passed=checked.passed,
         reasons=tuple(one_line(f"{item.name}: {item.headline}") for item in checked.failed),
-        words=one_line(next((item.headline for item in tried), "")),
+        words=one_line(next((item.headline for item in tried), "") if found is None else found.headline),
     )
     if found is None:
         return row
     return replace(
         row,
-        left_out=tuple(dict.fromkeys([*row.left_out, *found.steps[-1].left_out])),
-        verdict=found.verdict,
-        missing=found.missing,
-        suspected=found.suspected,
+        **keys_of(found, "verdict", "missing", "suspected"),
         ambiguous=found.ambiguous_set,
         sizes=sizes_of(found),
         likely={name: round(found.probabilities.of(name), 4) for name in found.named},
-        words=one_line(found.headline),
     )
 
 
-def _rmse(links: Calibration | None, last: Calibration | None, role: str) -> Rmse:
+def _rmse(fits: Sequence[Calibration | None], role: str) -> Rmse:
+    """Errors by the nominal robot, by the first of some fits and by the last."""
+    links, last = fits[0], fits[-1]
     if links is None or last is None:
         return Rmse()
     figures = [getattr(errors, role) for errors in (last.before, links.after, last.after)]
@@ -167,22 +151,6 @@ def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
 # ---- keys -----------------------------------------------------------------------------------------------------------
 
 
-def row_key(files: Mapping[str, str], options: FleetOptions) -> str:
-    """Hash of everything that determines a row: the dataset's files, the options, this program and its libraries."""
-    return key_of({"files": dict(sorted(files.items())), "options": asdict(options), "versions": versions()})
-
-
 def key_of(document: Mapping[str, object]) -> str:
     """Hash of a document."""
     return hashlib.sha256(to_json(document).encode()).hexdigest()
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Versions of Python and the libraries, and a hash of this program's files."""
-    digest = hashlib.sha256()
-    root = Path(calib.__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    libraries = {name: version(name) for name in PACKAGES}
-    return {"program": digest.hexdigest(), "python": platform.python_version(), **libraries}

@@ -66,10 +66,9 @@ class Row(Brief):
         return self.robot, self.serial or f"({self.path})"
 
     @property
-    def headline(self) -> str:
-        """First sentence of the verdict."""
-        first, dot, _ = self.words.partition(". ")
-        return first + dot.strip()
+    def delivered_mm(self) -> float | None:
+        """RMSE of the nominal robot at the same poses as `error_mm`."""
+        return self.train.nominal_mm if self.test.final_mm is None else self.test.nominal_mm
 
     @property
     def error_mm(self) -> float | None:
@@ -83,4 +82,3 @@ class Failure:
 
     path: str
     reason: str  # one line
-    attempts: int = 1

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Future
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
+import numpy as np
+
 from calib.blas_threads import one_blas_thread
-from calib.errors import CalibError
+from calib.dataset.files.atomic_write import write_bytes_atomically
+from calib.errors import CalibError, DatasetError
 from calib.extras.fleet.discovery import Discovered
 from calib.extras.fleet.drift import Drift, DriftTask, compare, consecutive
-from calib.extras.fleet.judge import FleetOptions, Judged, Task, judge, one_line
-from calib.extras.fleet.kept_results import KeptResults
+from calib.extras.fleet.judge import Judged, Task, judge, one_line
 from calib.extras.fleet.result import Fleet
 from calib.extras.fleet.row import Failure
 from calib.extras.fleet.shared_causes import shared_causes
@@ -21,16 +26,46 @@ from calib.extras.fleet.workers import Workers
 from calib.parallel import futures_as_completed
 from calib.progress import OnProgress, counted
 
+Kept = TypeVar("Kept", Judged, Drift)
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
 TRIES = 2
+
+
+@dataclass(frozen=True)
+class KeptResults:
+    """Folder with the results of a run so far; damaged files count as missing."""
+
+    folder: Path
+
+    def begin(self) -> None:
+        """Make the folder. Raises DatasetError where it cannot."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DatasetError(
+                f"{self.folder}: cannot be written ({error.strerror or error}); name another place for the table"
+            ) from None
+
+    def write(self, name: str, result: Judged | Drift) -> None:
+        """Keep a result under a name, replacing an earlier one."""
+        write_bytes_atomically(self._place(name), msgspec.json.encode(result, enc_hook=np.ndarray.tolist))
+
+    def read(self, name: str, kind: type[Kept]) -> Kept | None:
+        """The result that is kept under a name; None where there is none."""
+        try:
+            return msgspec.json.decode(self._place(name).read_bytes(), type=kind, dec_hook=lambda _, of: np.array(of))
+        except (OSError, msgspec.MsgspecError):
+            return None
+
+    def _place(self, name: str) -> Path:
+        return self.folder / f"{hashlib.sha256(name.encode()).hexdigest()[:32]}.json"
 
 
 def run_fleet(
     found: Discovered,
     results: Path,
     workers: Workers = Workers(),
-    options: FleetOptions = FleetOptions(),
     *,
     progress: bool = False,
     on_progress: OnProgress | None = None,
@@ -40,9 +75,8 @@ def run_fleet(
     Args:
         found: the datasets, by `discover`.
         results: folder to which each result is written as soon as it is there; a later run takes over the results whose
-            files, options and versions are the same, so that a stopped run continues.
+            files and versions are the same, so that a stopped run continues.
         workers: executor of the tasks; its workers read the files by their absolute paths.
-        options: how each dataset is judged.
         progress: show a bar, in a notebook's cell or at the terminal.
         on_progress: called as (done, total, path) after each dataset, then after each comparison of two.
 
@@ -55,12 +89,10 @@ def run_fleet(
     failures, of_path, taken_over = list(found.failures), dict[str, Judged](), 0
     with counted("datasets", "dataset", asked=progress, then=on_progress) as tell:
         before = [kept.read(path, Judged) for path in paths]
-        tasks = [
-            Task(folder, path, options, "" if of is None else of.key) for path, of in zip(paths, before, strict=True)
-        ]
+        tasks = [Task(folder, path, "" if of is None else of.key) for path, of in zip(paths, before, strict=True)]
         for done, (k, answer) in enumerate(_answers(judge, tasks, workers), start=1):
             if isinstance(answer, str):
-                failures.append(Failure(paths[k], answer, TRIES))
+                failures.append(Failure(paths[k], answer))
             elif (judged := answer or before[k]) is not None:
                 kept.write(paths[k], judged)
                 of_path[paths[k]] = judged
@@ -68,16 +100,16 @@ def run_fleet(
             if tell is not None:
                 tell(done, len(paths), paths[k])
         rows = tuple(of_path[path].row for path in sorted(of_path))
-        pairs = [DriftTask(folder, of_path[a.path], of_path[b.path], options) for a, b in consecutive(rows)]
+        pairs = [DriftTask(folder, of_path[a.path], of_path[b.path]) for a, b in consecutive(rows)]
         drifts = {pair.key: found_drift for pair in pairs if (found_drift := kept.read(pair.key, Drift)) is not None}
         waiting = [pair for pair in pairs if pair.key not in drifts]
         for k, drift in _answers(compare, waiting, workers):
-            base, later = (each.row.path for each in (waiting[k].base, waiting[k].later))
+            key, later = waiting[k].key, waiting[k].later.row.path
             if isinstance(drift, str):
-                drifts[waiting[k].key] = Drift(base, later, "", (), None, None, reason=drift, settled=False)
+                drifts[key] = Drift(waiting[k].base.row.path, later, reason=drift)
             else:
-                drifts[waiting[k].key] = drift
-                kept.write(waiting[k].key, drift)
+                drifts[key] = drift
+                kept.write(key, drift)
             if tell is not None:
                 tell(len(drifts), len(pairs), later)
     return Fleet(

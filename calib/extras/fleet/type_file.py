@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -14,6 +13,7 @@ from calib.kinematics.robot import Robot
 from calib.models.effect_fields import member_document, member_from
 from calib.models.model_document import SavedMember
 from calib.options import TypePrior
+from calib.present.results import keys_of
 from calib.strict_json import JsonFile, Size, SizeOrSign, Text, to_json
 
 KIND, VERSION = "robot-calibration-inspector type", 1
@@ -36,22 +36,15 @@ class _TypeDocument(msgspec.Struct, frozen=True):
     effects: tuple[SavedMember, ...] = ()
 
 
-def type_document(arm_type: ArmType) -> dict[str, Any]:
-    """Content of a type's file."""
-    prior = arm_type.prior
-    return {
-        "format": KIND,
-        "version": VERSION,
-        "robot": arm_type.robot,
-        "arms": list(arm_type.arms),
-        "parameters": [{"name": name, "mean": mean, "sigma": prior.sigmas[name]} for name, mean in prior.means.items()],
-        "effects": [member_document(member) for member in arm_type.members],
-    }
-
-
 def save_type(arm_type: ArmType, path: str | Path) -> None:
     """Write what arms of a type share, whole or not at all."""
-    write_text_atomically(Path(path), to_json(type_document(arm_type)))
+    document = {
+        "format": KIND,
+        "version": VERSION,
+        **keys_of(arm_type, "robot", "arms", "parameters"),
+        "effects": [member_document(member) for member in arm_type.members],
+    }
+    write_text_atomically(Path(path), to_json(document))
 
 
 def load_type(path: str | Path, robot: Robot) -> ArmType:

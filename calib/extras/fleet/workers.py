@@ -3,24 +3,31 @@
 The processes are connected by pipes: who reaches a scheduler on a port can have it run code, and on a shared machine
 everybody reaches 127.0.0.1. That holds for a cluster's scheduler, too: with TLS (`tls://head:8786`) it asks for the
 certificates that Dask's own settings name, without it has no password.
+
+A process begins with this module, so it imports nothing slow.
 """
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import os
+import platform
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from threading import Timer
 from typing import Any
 
+import calib
 from calib.errors import CalibError
-from calib.extras.fleet.judge import versions
 
+PACKAGES = ("numpy", "scipy", "pandas")
 CONNECT_S = 10.0  # longest time that a scheduler may take to answer
 
 
@@ -113,3 +120,14 @@ def fault_of_worker(folder: str, needed: dict[str, str]) -> str:
             "figures would differ"
         )
     return "" if Path(folder).is_dir() else f"does not see {folder}; share it"
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of Python and the libraries, and a hash of this program's files."""
+    digest = hashlib.sha256()
+    root = Path(calib.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    libraries = {name: version(name) for name in PACKAGES}
+    return {"program": digest.hexdigest(), "python": platform.python_version(), **libraries}

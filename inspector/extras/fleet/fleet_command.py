@@ -10,7 +10,6 @@ from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError, visible
 from calib.extras.fleet.arm_type import type_report
 from calib.extras.fleet.discovery import discover
-from calib.extras.fleet.judge import FleetOptions as JudgeOptions
 from calib.extras.fleet.run import run_fleet
 from calib.extras.fleet.table import is_table, require_table_kind, write_table
 from calib.extras.fleet.type_file import save_type
@@ -36,10 +35,9 @@ def run_fleet_command(options: FleetOptions) -> int:
     if page.exists() and not is_report(page):
         raise CalibError(f"{page}: exists and is no page of ours; name another table, the page lies beside it")
     found = discover(options.path)
-    asked = JudgeOptions(max_test_rmse_mm=options.max_test_rmse_mm)
     try:
         with _workers(options, len(found.datasets)) as workers, progress("datasets", "dataset") as on_progress:
-            fleet = run_fleet(found, results, workers, asked, on_progress=on_progress)
+            fleet = run_fleet(found, results, workers, on_progress=on_progress)
     except KeyboardInterrupt:
         print(visible(f"inspector: stopped; the same command goes on from what is in {results}"), file=sys.stderr)
         return 130

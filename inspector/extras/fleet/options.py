@@ -43,7 +43,6 @@ class FleetOptions(Output):
     timeout: float = option(
         "seconds that one dataset may take (default 1800)", 1800.0, metavar="S", parse=values.seconds
     )
-    max_test_rmse_mm: float | None = option("what the test poses' error may be", metavar="X", parse=values.rmse_mm)
 
 
 @dataclass(frozen=True, kw_only=True)

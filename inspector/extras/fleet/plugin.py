@@ -1,6 +1,6 @@
 """What fleets bring to the commands and the figures."""
 
-from inspector.plugins import Command, CommandOptions, Figures, PipExtra
+from inspector.plugins import Command, CommandOptions, PipExtra
 
 CONTRIBUTIONS = (
     Command(
@@ -19,5 +19,4 @@ CONTRIBUTIONS = (
         "calibrate", "inspector.extras.fleet.options:TypeOptions", "inspector.extras.fleet.from_type:FromType"
     ),
     PipExtra("fleet", ("pebble", "distributed")),
-    Figures("inspector.extras.fleet.figures", ("fleet_errors",)),
 )

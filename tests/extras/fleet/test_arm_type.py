@@ -52,7 +52,7 @@ def test_a_type_has_the_mean_of_its_arms_and_their_scatter(arm_type: ArmType, fi
 
 def test_a_new_arm_begins_from_its_type(fleet: list[Dataset], arm_type: ArmType) -> None:
     found = fit_from_type(fleet[-1], arm_type)
-    assert found.widened is not None
+    assert found.is_of_type
     assert found.log_bayes_factor > 3.0
     links, alone, pooled = (fit.after.test for fit in (calibrate(fleet[-1]), found.alone, found.calibration))
     assert links is not None
@@ -66,7 +66,7 @@ def test_an_arm_of_another_type_is_fitted_alone(fleet: list[Dataset], arm_type: 
     far = {name: mean + 6.0 * arm_type.prior.sigmas[name] for name, mean in arm_type.prior.means.items()}
     foreign = replace(arm_type, prior=replace(arm_type.prior, means=far))
     found = fit_from_type(fleet[-1], foreign)
-    assert found.widened is None
+    assert not found.is_of_type
     assert found.calibration is found.alone
     with pytest.raises(CalibError, match="has no a7"):
         fit_from_type(fleet[-1], learn_type([calibrate(arm) for arm in drawn_fleet(2, arms=3, poses=25)[:-1]]))
@@ -128,7 +128,7 @@ def test_pool_prints_each_arm_left_out_and_calibrate_begins_from_it(fleet: list[
     assert [one["arm"] for one in told["left_out"]] == ["arm 1", "arm 2", "arm 3"]
     assert all(one["poses"] == 20 and one["ratio"] < 1.1 for one in told["left_out"])
     fitted = answered("calibrate", folders[3], "--type", out)
-    assert fitted["type"]["widened"] == 1.0
+    assert fitted["type"]["is_of_type"]
     assert fitted["type"]["log_bayes_factor"] > 3.0
     words = type_report([calib.load_dataset(folder) for folder in folders[:2]], FitOptions()).summary()
     assert "with three arms or more it could be tried on each" in words

@@ -46,7 +46,7 @@ def _table(report: TypeReport) -> Table:
     rows = [
         (
             one.name, numbers.column_mm(one.alone_mm), numbers.column_mm(one.pooled_mm), numbers.share(one.ratio),
-            f"{one.log_bayes_factor:.1f}", "arm alone" if one.widened is None else f"type, sigma × {one.widened:g}",
+            f"{one.log_bayes_factor:.1f}", "type" if one.is_of_type else "arm alone",
         )
         for one in report.left_out
     ]  # fmt: skip
@@ -65,29 +65,26 @@ def _shared(of: ArmType) -> Table:
 
 @document.register
 def _type_report_document(report: TypeReport) -> dict[str, Any]:
-    prior = report.arm_type.prior
     return {
-        **keys_of(report.arm_type, "robot", "arms"),
+        **keys_of(report.arm_type, "robot", "arms", "parameters"),
         "mean_ratio": report.mean_ratio if report.left_out else None,
         "left_out": [_left_out(one) for one in report.left_out],
-        "parameters": [{"name": name, "mean": mean, "sigma": prior.sigmas[name]} for name, mean in prior.means.items()],
     }
 
 
 def _left_out(one: LeftOutArm) -> dict[str, Any]:
     told = {"arm": one.name, "alone_rmse_mm": one.alone_mm, "pooled_rmse_mm": one.pooled_mm}
-    return told | keys_of(one, "poses", "ratio", "widened", "log_bayes_factor")
+    return told | keys_of(one, "poses", "ratio", "is_of_type", "log_bayes_factor")
 
 
 def pooled_block(found: PooledFit, arm_type: ArmType) -> Paragraph:
     """Sentence on whether a fit began from its type."""
     arms, lead = f"{numbers.count(len(arm_type.arms), 'arm')} of the type {arm_type.robot}", found.log_bayes_factor
-    if found.widened is None:
+    if not found.is_of_type:
         return Paragraph(f"Fitted alone: that it is like {arms} does not show (log Bayes factor {lead:.1f}).")
-    wider = "" if found.widened == 1.0 else f", its sigmas × {found.widened:g}"
-    return Paragraph(f"Began from {arms}{wider}: the log Bayes factor over the arm alone is {lead:.1f}.")
+    return Paragraph(f"Began from {arms}: the log Bayes factor over the arm alone is {lead:.1f}.")
 
 
 def pooled_document(found: PooledFit, arm_type: ArmType) -> dict[str, Any]:
     """JSON value of how a fit began."""
-    return keys_of(arm_type, "robot", "arms") | keys_of(found, "widened", "log_bayes_factor")
+    return keys_of(arm_type, "robot", "arms") | keys_of(found, "is_of_type", "log_bayes_factor")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,8 +15,6 @@ from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
-    Bullets,
-    FigurePlace,
     KeyFigures,
     Paragraph,
     Presentation,
@@ -41,6 +40,7 @@ METHOD = (
     "watch does: the earlier calibration predicts the later points. What a moved scanner, a moved base or more noise "
     "explains is not blamed on the arm.",
 )
+_ARMS, _ROBOTS = 20, 3  # that are named of a cause, and at the head
 Naming = Callable[[str], Span]  # a dataset's path -> what stands for it, such as a link
 
 
@@ -54,9 +54,9 @@ def fleet_presentation(fleet: Fleet, name: Naming = str, *more: Section) -> Pres
     sections = [
         Section("Causes that arms share", _causes(fleet), brief=True),
         Section("Arms that changed", _drifts(fleet, name), brief=True),
-        Section("The worst", [_worst(fleet, name)], brief=True),
+        Section("The worst", [_datasets(fleet.worst(), name)], brief=True),
         *([Section("Without a result", [_failures(fleet, name)], brief=True)] if fleet.failures else []),
-        Section("All datasets", [_all(fleet, name)]),
+        Section("All datasets", [_datasets(fleet.rows, name)]),
     ]
     return Presentation(f"Fleet: {fleet.folder.resolve().name}", _head(fleet), [*sections, *more])
 
@@ -67,19 +67,17 @@ def _head(fleet: Fleet) -> list[Block]:
     robots = sorted({row.robot for row in fleet.rows})
     figures: list[tuple[str, object]] = [
         ("Datasets", len(fleet.rows) + len(fleet.failures)),
-        ("Arms", fleet.arms),
-        ("Robots", numbers.listing(robots) if len(robots) < 4 else f"{len(robots)} models"),
+        ("Arms", len({row.arm for row in fleet.rows})),
+        ("Robots", numbers.in_short(robots, _ROBOTS)),
         ("Pass the check", f"{passed} of {len(fleet.rows)}"),
         ("Without a result", len(fleet.failures)),
         ("Taken from an earlier run", fleet.taken_over),
     ]
-    verdicts = [(verdict or "without a verdict", count) for verdict, count in fleet.verdicts.items()]
-    drawn = FigurePlace("fleet_errors", (fleet,), "Errors of all datasets, the best at the left.")
+    verdicts = Counter(row.verdict or "without a verdict" for row in fleet.rows).most_common()
     return [
         KeyFigures(figures),
         _in_short(fleet),
         Table(("verdict", "datasets"), verdicts, caption="How the diagnoses end"),
-        *([drawn] if any(row.error_mm is not None for row in fleet.rows) else []),
     ]
 
 
@@ -90,8 +88,8 @@ def _in_short(fleet: Fleet) -> Verdict:
         found.append(
             f"{numbers.count(len(batches), 'cause')} with arms in common, most of all {cause_phrase(batches[0])}"
         )
-    if changed := {fleet.row(drift.later).arm for drift in fleet.drifted}:
-        found.append(f"{numbers.count(len(changed), 'arm')} changed between two datasets")
+    if fleet.drifted:
+        found.append(f"{numbers.count(len(fleet.drifted), 'change')} of an arm between two datasets")
     if odd := sum(row.verdict == "unexplained" for row in fleet.rows):
         found.append(f"{numbers.count(odd, 'dataset')} unexplained")
     if fleet.failures:
@@ -124,7 +122,6 @@ def cause_phrase(cause: SharedCause) -> str:
 def _causes(fleet: Fleet) -> list[Block]:
     if not fleet.shared:
         return [Paragraph("No cause is claimed or likely in three arms or more.")]
-    common = [cause for cause in fleet.shared if cause.groups]
     rows = [
         (
             cause_name(cause),
@@ -132,16 +129,13 @@ def _causes(fleet: Fleet) -> list[Block]:
             f"{len(cause.arms)} of {cause.of}",
             numbers.column_mm(cause.moves_mm),
             "; ".join(map(group_phrase, cause.groups)) or "no group stands out",
+            numbers.in_short(cause.arms, _ARMS) if cause.groups else numbers.MISSING,
         )
         for cause in fleet.shared
     ]
-    headers = ("cause", "robot", "arms", "moves the tool by, mm", "what these arms have in common")
+    headers = ("cause", "robot", "arms", "moves the tool by, mm", "what these arms have in common", "which")
     caption = "Claimed by the diagnosis, or likely; median of the arms, RMS"
-    return [
-        *(Verdict(f"{cause_phrase(cause)}.", DOUBT) for cause in common),
-        Table(headers, rows, left=(0, 1, 4), caption=caption),
-        *(Paragraph(f"{cause_name(cause)}: arms {numbers.listing(cause.arms)}.", soft=True) for cause in common),
-    ]
+    return [Table(headers, rows, left=(0, 1, 4, 5), caption=caption)]
 
 
 # ---- arms that changed ----------------------------------------------------------------------------------------------
@@ -159,43 +153,23 @@ def _drifts(fleet: Fleet, name: Naming) -> list[Block]:
         return [Paragraph("Datasets of one arm are not compared: what tests for changes (watch) is not installed.")]
     if not fleet.drifts:
         return [Paragraph("No arm has two datasets with its serial number and different dates in [about].")]
-    other = [drift for drift in fleet.drifts if drift.verdict in ("changed", "unclear") and not drift.of_the_arm]
+    rows, of_path = [], {row.path: row for row in fleet.rows}
+    for drift in sorted(fleet.drifts, key=lambda drift: not drift.of_the_arm):
+        if drift.verdict != "unchanged":
+            base, later = of_path[drift.base], of_path[drift.later]
+            blamed = "yes" if drift.of_the_arm else "no, or unclear"
+            off = numbers.column_mm(drift.rmse_mm)
+            rows.append((later.serial, base.date, later.date, name(drift.later), off, blamed, drift_phrases(drift)))
+    headers = ("arm", "from", "to", "dataset", "off by, mm", "the arm itself", "what changed")
     same = sum(drift.verdict == "unchanged" for drift in fleet.drifts)
-    unknown = [
-        f"{drift.base} and {drift.later} were not compared: {drift.reason}"
-        for drift in fleet.drifts
-        if not drift.verdict
-    ]
-    caption = "The scanner, the base or the noise changed, or it cannot be discriminated from the arm"
-    tables = ((fleet.drifted, "The arm itself changed"), (other, caption))
     return [
         *([] if fleet.drifted else [Paragraph("None of the arms changed.")]),
-        *(_drift_table(fleet, drifts, name, caption) for drifts, caption in tables if drifts),
+        *([Table(headers, rows, left=(0, 1, 2, 3, 5, 6))] if rows else []),
         Paragraph(f"{numbers.count(same, 'pair')} of datasets unchanged.", soft=True),
-        *([Bullets(unknown)] if unknown else []),
     ]
-
-
-def _drift_table(fleet: Fleet, drifts: Sequence[Drift], name: Naming, caption: str) -> Table:
-    rows = []
-    for drift in drifts:
-        base, later = fleet.row(drift.base), fleet.row(drift.later)
-        off = numbers.column_mm(drift.rmse_mm)
-        rows.append((later.serial, later.robot, base.date, later.date, name(drift.later), off, drift_phrases(drift)))
-    headers = ("arm", "robot", "from", "to", "dataset", "off by, mm", "what changed")
-    return Table(headers, rows, caption=caption, left=(0, 1, 2, 3, 4, 6))
 
 
 # ---- datasets -------------------------------------------------------------------------------------------------------
-
-
-def _worst(fleet: Fleet, name: Naming) -> Table:
-    rows = [
-        (name(row.path), row.serial, row.robot, numbers.column_mm(row.error_mm), _ratio(row), row.headline)
-        for row in fleet.worst()
-    ]
-    headers = ("dataset", "arm", "robot", "last error, mm", "times noise", "verdict")
-    return Table(headers, rows, left=(0, 1, 2, 5), caption="The largest errors that are left")
 
 
 def _failures(fleet: Fleet, name: Naming) -> Table:
@@ -203,24 +177,18 @@ def _failures(fleet: Fleet, name: Naming) -> Table:
     return Table(("dataset", "why"), rows, left=(0, 1), caption="Each was tried twice")
 
 
-def _all(fleet: Fleet, name: Naming) -> Table:
-    rows = [
+def _datasets(rows: Sequence[Row], name: Naming) -> Table:
+    cells = [
         (
-            name(row.path), row.serial, row.site, row.date, row.robot, numbers.column_mm(_delivered(row)),
-            numbers.column_mm(row.error_mm), row.verdict or "none", ", ".join(row.missing) or numbers.MISSING,
+            name(row.path), row.serial, row.site, row.date, row.robot, numbers.column_mm(row.delivered_mm),
+            numbers.column_mm(row.error_mm), numbers.MISSING if row.noise_ratio is None else f"{row.noise_ratio:.2g}",
+            row.verdict or row.words, ", ".join(row.missing) or numbers.MISSING,
         )
-        for row in fleet.rows
+        for row in rows
     ]  # fmt: skip
-    headers = ("dataset", "arm", "site", "date", "robot", "delivered, mm", "last error, mm", "verdict", "missing")
-    return Table(headers, rows, left=(0, 1, 2, 3, 4, 7, 8))
-
-
-def _delivered(row: Row) -> float | None:
-    return row.train.nominal_mm if row.test.final_mm is None else row.test.nominal_mm
-
-
-def _ratio(row: Row) -> str:
-    return numbers.MISSING if row.noise_ratio is None else f"{row.noise_ratio:.2g}"
+    errors = ("delivered, mm", "last error, mm", "times noise")
+    headers = ("dataset", "arm", "site", "date", "robot", *errors, "verdict", "missing")
+    return Table(headers, cells, left=(0, 1, 2, 3, 4, 8, 9))
 
 
 # ---- the document ---------------------------------------------------------------------------------------------------
@@ -232,16 +200,12 @@ def _fleet_document(fleet: Fleet) -> dict[str, Any]:
         "folder": str(fleet.folder),
         "datasets": len(fleet.rows) + len(fleet.failures),
         "failed": fleet.failures,
-        "drift": [_drift_document(drift, fleet) for drift in fleet.drifts],
+        "drift": [_drift_document(drift) for drift in fleet.drifts],
         "shared_causes": fleet.shared,
         "worst": [row.path for row in fleet.worst()],
     }
 
 
-def _drift_document(drift: Drift, fleet: Fleet) -> dict[str, Any]:
-    words, test = drift.reason, change_test()
-    if test is not None and drift.verdict and drift.rmse_mm is not None and drift.expected_mm is not None:
-        of_cell = (drift.verdict, drift_phrases(drift), drift.poses, drift.rmse_mm, drift.expected_mm)
-        words = load(test.sentence)(fleet.row(drift.later).name, *of_cell)
-    told = keys_of(drift, "base", "later", "verdict", "changes", "rmse_mm", "expected_mm", "settled")
-    return told | {"words": words, "of_the_arm": bool(drift.of_the_arm)}
+def _drift_document(drift: Drift) -> dict[str, Any]:
+    told = keys_of(drift, "base", "later", "verdict", "changes", "rmse_mm", "of_the_arm")
+    return told | {"words": drift_phrases(drift)}
