@@ -324,7 +324,7 @@ def draw(rows: Sequence[Told]) -> None:
     """Write the picture of shares that are true over those told, with Wilson's intervals of 95 %."""
     import plotly.graph_objects as go
 
-    from inspector.figures.svg.file import svg_file
+    from inspector.figures import to_svg
 
     p, true = np.array([r.p for r in rows]), np.array([r.is_true for r in rows], dtype=float)
     of = np.clip(np.digitize(p, BINS) - 1, 0, 9)
@@ -340,9 +340,9 @@ def draw(rows: Sequence[Told]) -> None:
             go.Scatter(x=told_share, y=shares, error_y={"array": halves}, mode="markers+lines", name="judged"),
         ]
     )
-    figure.update_layout(xaxis_title="probability told", yaxis_title="share that is true")
     heading = f"{len(rows)} causes told at 1 % or more, on arms from which nothing was learned"
-    PICTURE.write_text(svg_file(figure, 620, 420, title=heading, heading=heading), encoding="utf-8")
+    figure.update_layout(xaxis_title="probability told", yaxis_title="share that is true", title_text=heading)
+    PICTURE.write_text(to_svg(figure, 620, 420), encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

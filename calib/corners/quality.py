@@ -50,7 +50,7 @@ class CornerQuality(Brief):
     smooth_length_mm: float  # its correlation length
     smooth_factor: float  # sigma of the apex over what white noise alone would make it
     margin_mm: float  # strip left out along every edge: rounding, blurred and flying pixels
-    notes: tuple[str, ...] = field(default=())  # from the search itself
+    notes: tuple[str, ...] = field(default=(), metadata={"key": None})  # from the search itself, among the doubts
     smooth_declared_mm: float = 0.0  # as dataset.toml declares it; 0: not declared
     smooth_shown_mm: float = 0.0  # the longest correlation length of which this scan shows anything
     angles_held: str = ""  # as in `JigAngles.held`

@@ -21,6 +21,7 @@ from calib.dataset.files.origin import PROGRAM, program_version
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.effects.effect import full_name, is_of_measuring
 from calib.kinematics.robot import Robot
+from calib.rendering import numbers
 from calib.robot_formats.calibrated_file import CalibratedFile, in_template
 from calib.robot_formats.robots import robot_content
 
@@ -56,10 +57,10 @@ class ExportedTable(Brief):
         """Comment for a robot file: errors of the table alone and of the full model; "" where both are equal."""
         if not self.left_out:
             return ""
-        names = ", ".join(self.left_out)
+        names = numbers.listing(self.left_out)
         return (
-            f"the table alone, fitted without {names}: {_errors(self.errors)}; "
-            f"the model with {names}: {_errors(self.full.after)}"
+            f"the table alone, fitted without {names}: {errors_in_words(self.errors)}; "
+            f"the model with {names}: {errors_in_words(self.full.after)}"
         )
 
     def to_toml(self) -> str:
@@ -75,7 +76,7 @@ class ExportedTable(Brief):
         dataset = self.full.dataset
         names = ", ".join(self.left_out)
         by = f"{PROGRAM} {program_version()}"
-        comment = f"origins calibrated by {by} with dataset {dataset.name}: {_errors(self.errors)}"
+        comment = f"origins calibrated by {by} with dataset {dataset.name}: {errors_in_words(self.errors)}"
         notes = []
         if names:
             notes.append(f"no origin holds {names}; these are the origins that are best without: {self.comment}")
@@ -99,7 +100,7 @@ class ExportedTable(Brief):
             self.links.require_improvement(force=force)
 
     def _brief(self) -> str:
-        return f"{self.robot.name}: {_errors(self.errors)}"
+        return f"{self.robot.name}: {errors_in_words(self.errors)}"
 
 
 def exported_table(calibration: Calibration, links: Calibration | None = None) -> ExportedTable:
@@ -122,14 +123,9 @@ def exported_table(calibration: Calibration, links: Calibration | None = None) -
     return ExportedTable(calibration, links)
 
 
-def _errors(evaluation: Evaluation) -> str:
-    """Errors as text, such as "test RMSE 0.203 mm (training 0.195)"."""
-    train, test = evaluation.train, evaluation.test
-    if test is None:
-        return f"training RMSE {train.rmse_mm:.4g} mm, no test poses" if train else "no poses"
-    return f"test RMSE {test.rmse_mm:.4g} mm" + (f" (training {train.rmse_mm:.4g})" if train else "")
-
-
-def require_template_of(template: Path, robot: Robot) -> None:
-    """Raise RobotFileError where a template file cannot be read or describes another arm."""
-    in_template(template, robot, robot)
+def errors_in_words(evaluation: Evaluation) -> str:
+    """Phrase with the RMSE of test and training poses: "test RMSE 0.20 mm (training 0.19 mm)"."""
+    train, test = numbers.length(evaluation.train_rmse_mm), numbers.length(evaluation.test_rmse_mm)
+    if evaluation.test is None:
+        return f"training RMSE {train}, no test poses" if evaluation.train else "no poses"
+    return f"test RMSE {test}{f' (training {train})' if evaluation.train else ''}"

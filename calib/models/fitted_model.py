@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array
 from calib.brief import Brief, errors_in_short
-from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
+from calib.calibration.evaluation import Evaluation, evaluate_all
 from calib.calibration.promise import FitUncertainty, PointPromise, fit_uncertainty, promised_at_points
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.compensation.attitude import FitKnowledge
@@ -32,20 +32,12 @@ from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.kinematics.tool_point import tool_point_of
 from calib.lazy_modules import pd
 from calib.models.effect_fields import member_document
-from calib.models.model_document import KIND, VERSION, options_document
+from calib.models.model_document import KIND, VERSION, RoleErrors, options_document
 from calib.options import FitOptions
 from calib.presented import Presented
 from calib.strict_json import to_json
 
 _SAME_TABLE = 1e-9  # mm or rad
-
-
-@dataclass(frozen=True)
-class RoleErrors(Brief):
-    """Errors of the training poses and of the test poses; None for a role without poses."""
-
-    train: Figures | None
-    test: Figures | None
 
 
 @dataclass(frozen=True)
@@ -214,26 +206,24 @@ class FittedModel(Presented):
                 f"dataset {dataset.name}: its robot has {other.n_joints} joints, the model's {mine.n_joints}, or their "
                 "kinds differ; the model is of another arm"
             )
-        if mine.carries_scanner != other.carries_scanner:
-            raise FitError(
-                f"dataset {dataset.name}: [scanner] mount in its dataset.toml is not that of the model's dataset; a "
-                "model predicts for the scanner where it was"
-            )
-        if mine.coupling != other.coupling:
-            raise FitError(
-                f"dataset {dataset.name}: coupling in its robot.toml is not the model's; the model is of another arm"
-            )
-        if np.abs(mine.base_T_first - other.base_T_first).max() > _SAME_TABLE:
-            raise FitError(
-                f"dataset {dataset.name}: [base] in its robot.toml is not the model's; the two have to be one"
-            )
         off = np.abs(mine.table - other.table) > _SAME_TABLE
-        if off.any():
-            name = mine.parameter_names[int(np.flatnonzero(off)[0])]
-            raise FitError(
-                f"dataset {dataset.name}: {name} in its robot.toml is not that of the model's nominal table; the model "
-                "is of another arm or another tool"
-            )
+        name = mine.parameter_names[int(np.flatnonzero(off)[0])] if off.any() else ""
+        for what, differs, meaning in (
+            (
+                "[scanner] mount in its dataset.toml",
+                mine.carries_scanner != other.carries_scanner,
+                "a model predicts for the scanner where it was",
+            ),
+            ("coupling in its robot.toml", mine.coupling != other.coupling, "the model is of another arm"),
+            (
+                "[base] in its robot.toml",
+                np.abs(mine.base_T_first - other.base_T_first).max() > _SAME_TABLE,
+                "the two have to be one",
+            ),
+            (f"{name} in its robot.toml", off.any(), "the model is of another arm or another tool"),
+        ):
+            if differs:
+                raise FitError(f"dataset {dataset.name}: {what} is not that of the model; {meaning}")
 
     def require_conditions(self, conditions: Poses | None) -> None:
         """Raise FitError where poses lack columns that the model's effects depend on."""

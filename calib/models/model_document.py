@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
 
+from calib.brief import Brief
+from calib.calibration.evaluation import Figures
 from calib.dataset.files.origin import SavedOrigin
 from calib.noise_shape import NoiseShape
 from calib.options import FitOptions, TypePrior
@@ -60,22 +62,12 @@ class SavedParameter(msgspec.Struct, frozen=True):
     sigma: NotNegative | None = None  # null: no bound
 
 
-class SavedFigures(msgspec.Struct, frozen=True):
-    """Error statistics of a set of poses, as saved in model.json."""
+@dataclass(frozen=True)
+class RoleErrors(Brief):
+    """Errors of the training poses and of the test poses; None for a role without poses."""
 
-    points: int
-    rmse_mm: NotNegative
-    max_mm: NotNegative
-    mean_mm: NotNegative
-    distance_max_mm: NotNegative
-    distance_mean_mm: NotNegative
-
-
-class SavedErrors(msgspec.Struct, frozen=True):
-    """Errors of the training poses and the test poses."""
-
-    train: SavedFigures | None = None
-    test: SavedFigures | None = None
+    train: Figures | None = None
+    test: Figures | None = None
 
 
 class SavedSource(msgspec.Struct, frozen=True):
@@ -117,8 +109,8 @@ class ModelDocument(msgspec.Struct, frozen=True):
     covariance: tuple[Row, ...]  # the lower triangle, diagonal included
     scanner_T_base: dict[str, Any]  # 4 x 4 by setup; checked one by one
     needs: tuple[Text, ...]  # columns of poses.csv that a prediction depends on
-    before: SavedErrors
-    after: SavedErrors
+    before: RoleErrors
+    after: RoleErrors
     origin: SavedOrigin = SavedOrigin()
     loads_table: tuple[Row, ...] | None = None  # links with which gravity's loads are computed
     found_tool_mm: Row | None = None  # tool point in the last joint's frame, where that of the robot is far off

@@ -16,7 +16,6 @@ import msgspec
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.evaluation import Figures
 from calib.calibration.result import FittedResult
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
@@ -33,8 +32,8 @@ from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import with_own_tool_point
 from calib.models.effect_fields import member_from
-from calib.models.fitted_model import FittedModel, RoleErrors, Source
-from calib.models.model_document import KIND, VERSION, ModelDocument, Row, SavedErrors, SavedFigures, SavedOptions
+from calib.models.fitted_model import FittedModel, Source
+from calib.models.model_document import KIND, VERSION, ModelDocument, Row, SavedOptions
 from calib.options import FitOptions
 from calib.strict_json import JsonFile, Text
 
@@ -98,8 +97,8 @@ def load_model(path: str | Path, effects_file: str | Path | None = None) -> Fitt
         options=options,
         scanner_T_base={name: _frame(file, key, name, value) for name, value in placed.items()},
         needs=document.needs,
-        before=_errors(document.before),
-        after=_errors(document.after),
+        before=document.before,
+        after=document.after,
         sigma_mm=math.nan if document.sigma_mm is None else document.sigma_mm,
         source=Source(
             document.dataset.name,
@@ -238,13 +237,6 @@ def _frame(file: JsonFile, key: str, name: str, value: Any) -> Array:
     if not (rigid and np.linalg.det(turn) > 0.0 and np.array_equal(frame[3], [0.0, 0.0, 0.0, 1.0])):
         file.fail(place, "no rigid motion", "a rotation and a translation are needed")
     return frame
-
-
-def _errors(saved: SavedErrors) -> RoleErrors:
-    def figures(of: SavedFigures | None) -> Figures | None:
-        return None if of is None else Figures(**msgspec.structs.asdict(of))
-
-    return RoleErrors(figures(saved.train), figures(saved.test))
 
 
 def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:

@@ -16,7 +16,7 @@ from calib.calibration.calibrate import fit_measured
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import Effect, Parameter, apply_values, corrects_robot
+from calib.effects.effect import Effect, Parameter, apply_values, corrects_robot, full_name
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.effects.place_errors import PlaceErrors
 from calib.effects.state import RobotState
@@ -156,7 +156,7 @@ def _to_whole(fitted: Calibration, whole: Model, held: Array) -> Callable[[Array
     """Function that gives the whole model's parameters for those of the fit that ran with held effects."""
     kept = np.array([p.name not in whole.fixed for e in whole.effects if corrects_robot(e) for p in e.parameters])
     free = [p.name for p in whole.parameters]
-    added = [name for effect in whole.added_effects for name in _names(effect, whole)]
+    added = [full_name(effect, p) for effect in whole.added_effects for p in effect.parameters]
     is_free = np.array([name in free for name in added], dtype=bool)
 
     def to_whole(x: Array) -> Array:
@@ -174,7 +174,3 @@ def _to_whole(fitted: Calibration, whole: Model, held: Array) -> Callable[[Array
         return np.concatenate([np.concatenate(corrections)[kept], held[is_free]])
 
     return to_whole
-
-
-def _names(effect: Effect, model: Model) -> list[str]:
-    return [p.name for p in replace(model, effects=(effect,), fixed=frozenset()).parameters]

@@ -25,14 +25,13 @@ if TYPE_CHECKING:
 FIGURES = "calib.figures"  # entry points of this group draw figures in notebooks: `Draw` of `rendering/html.py`
 
 
-_ROOMS = {
-    "": ("origins",),
-    "fit.": ("calibration", "corners", "dataset", "redundancy", "validation"),
-    "cause.": ("diagnosis",),
-    "over_time.": ("checks", "comparison", "recurrence"),
-    "moves.": ("correction", "plans"),
-}
-_MAKERS = tuple(f"calib.present.{room}{name}" for room, names in _ROOMS.items() for name in names)
+_MAKERS = tuple(
+    f"calib.present.{name}"
+    for name in (
+        "fit.calibration", "fit.corners", "fit.dataset", "fit.redundancy", "fit.validation", "cause.diagnosis",
+        "over_time.checks", "over_time.comparison", "over_time.recurrence", "moves.correction", "moves.plans",
+    )
+)  # fmt: skip
 """Modules that register what they make of a result; whoever tells of one kind has loaded its module alone."""
 
 
@@ -64,6 +63,11 @@ def document(result: object) -> Mapping[str, Any]:
         return document(result)
     if not is_dataclass(result):
         raise TypeError(f"a {type(result).__name__} has no document")
+    return own_fields(result)
+
+
+def own_fields(result: Any) -> dict[str, Any]:
+    """A dataclass' own fields as keys of a document."""
     keys = {field.name: field.metadata.get("key", field.name) for field in fields(result)}
     return {key: getattr(result, name) for name, key in keys.items() if key is not None}
 

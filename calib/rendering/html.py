@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import cache
 from itertools import count
 
@@ -21,26 +20,19 @@ from calib.html_text import escape, visible_value
 from calib.rendering.blocks import (
     Bar,
     Block,
-    Bullets,
     Coloured,
     Drawing,
     FigurePlace,
     Link,
-    Named,
     Paragraph,
     Presentation,
     Reference,
     Section,
     Small,
-    Verdict,
-    Words,
     shown,
-    spans,
 )
 
 Draw = Callable[[FigurePlace, str], str]  # a place and the name that begins its ids -> SVG
-Recognise = Callable[[str], Words]  # a text -> the same with the names in it as references
-
 
 IDS = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
 
@@ -55,17 +47,23 @@ def view(told: Presentation, draw: Draw | None = None) -> str:
     return html.replace(IDS, f"view{zlib.crc32(html.encode()):08x}")
 
 
-def panel(told: Sequence[Block | Section], recognise: Recognise | None = None) -> str:
+def panel(told: Sequence[Block | Section]) -> str:
     """HTML of blocks and sections for a panel of the page, without figures, which are widgets of the panel.
 
-    recognise: what finds the names of poses and joints in a text, so that they are links, too.
+    "" where they have nothing to show.
     """
     blocks: list[Block] = []
     for part in told:
-        blocks += [Paragraph(part.heading, heading=True), *part.blocks] if isinstance(part, Section) else [part]
+        if isinstance(part, Section):
+            blocks += [Paragraph(part.heading, heading=True), *part.blocks] if shown(part.blocks) else []
+        else:
+            blocks.append(part)
     without_figures = with_figures(blocks, None, iter(()))
-    template = _templates(links=True).get_template("panel.html")
-    return template.render(blocks_shown=[_recognised(b, recognise) if recognise else b for b in without_figures])
+    return (
+        _templates(links=True).get_template("panel.html").render(blocks_shown=without_figures)
+        if without_figures
+        else ""
+    )
 
 
 def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[str, object]:
@@ -135,20 +133,3 @@ def _asks(reference: Reference) -> str:
     """HTML attributes that make an element, when clicked, select the object of a reference."""
     asked = f'data-ask="{reference.kind}" data-value="{escape(reference.value)}"'
     return f' {asked} role="button" tabindex="0"'
-
-
-def _recognised(block: Block, recognise: Recognise) -> Block:
-    """A block in which the names of poses and joints in its sentences are replaced by references."""
-
-    def linked(words: Words) -> Words:
-        if isinstance(words, str):
-            return recognise(words)
-        return words if isinstance(words, Named) else spans(*(recognise(w) if isinstance(w, str) else w for w in words))
-
-    match block:
-        case Bullets():
-            return replace(block, sentences=[linked(sentence) for sentence in block.sentences])
-        case Paragraph() | Verdict():
-            return replace(block, words=linked(block.words))
-        case _:
-            return block

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -60,7 +60,7 @@ class RepeatedCause:
     unit: str
     values: tuple[float | None, ...]  # of each recording; None where it cannot test the effect
     sigmas: tuple[float | None, ...]
-    found_in: tuple[str, ...]  # recordings that confirm it
+    found_in: tuple[str, ...] = field(metadata={"key": "in"})  # recordings that confirm it
     agree: bool  # whether all its values are one and the same within their sigmas
     common: tuple[float, float]  # weighted mean of the values, and its sigma
     called_for: bool  # by all recordings together; else by the diagnosis of one alone
@@ -78,7 +78,7 @@ class RepeatedCause:
 class Recurrence(Presented):
     """Which causes come back in several recordings of one arm."""
 
-    names: tuple[str, ...]  # of the recordings
+    names: tuple[str, ...] = field(metadata={"key": "recordings"})
     causes: tuple[RepeatedCause, ...]
     alone: tuple[tuple[str, ...], ...]  # effects that each recording's own diagnosis names
     cameras: tuple[tuple[str, CameraShift], ...] = ()  # recordings after the first, by how far a camera moved since it

@@ -22,6 +22,4 @@ figure.show()
 # Each step was chosen by a ranking of all effects of the catalogue. The lead over the next has to be more
 # than 3.
 
-figure = figures.ranking(found)
-figure.update_layout(title_text="Log evidence of the candidate effects before the first was added")
-figure.show()
+print(found.screenings[0].to_frame()[["effect", "log_evidence"]].head().to_string(index=False))

@@ -27,7 +27,6 @@ from inspector.app.controllers.side_by_side_controller import SideBySideControll
 from inspector.app.controllers.stage import SceneController
 from inspector.app.page.dataset_list import have_scans, listed_folders, names_of
 from inspector.app.page.page_state import PageState
-from inspector.app.page.playback import Playback
 from inspector.app.page.tab_controller import Page, TabController
 from inspector.app.page.tabs import CONTRIBUTED, VIEW_OF_TAB, add_panels
 from inspector.panels.input_checks import whole_number
@@ -90,10 +89,6 @@ class App:
         self.contributed: dict[str, TabController] = {
             tab.name: load(tab.controller)(page, panels.contributed[tab.name]) for tab in CONTRIBUTED if tab.controller
         }
-        self._playback = Playback(
-            panels.review.timeline, times=self._times, wanted=lambda: self._wanted,
-            select=self.select, drawing=lambda: self.worker.running("select"),
-        )  # fmt: skip
         self._watches = [Watch(lambda: user_effects.version, self.effects), Watch(self._files, self._files_changed)]
         self.downloads = Downloads(self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root)
         self.imports = Imports(
@@ -120,7 +115,6 @@ class App:
         """End the work, the threads and the server."""
         for watch in self._watches:
             watch.stop()
-        self._playback.stop()
         self.imports.close()
         self.worker.stop()
         self.downloads.close()
@@ -198,7 +192,6 @@ class App:
         self._described = self._files()[1]
         with self._asking:
             self._wanted = 0  # another dataset starts at its first pose
-        self._playback.stop()
         for controller in self.contributed.values():
             controller.opened()
         self._follow_model()
@@ -265,21 +258,6 @@ class App:
     def step(self, by: int) -> None:
         """Select a later pose, or an earlier one for a negative number; repeated presses add up."""
         self._want(lambda current: current + by)
-
-    def at_time(self, seconds: float) -> None:
-        """Select the pose that was measured nearest to a time."""
-        self._playback.at_time(seconds)
-
-    def play(self, start: bool) -> None:
-        """Play the poses in the order of their time, or stop."""
-        if start:
-            self._playback.play()
-        else:
-            self._playback.stop()
-
-    def _times(self) -> Array | None:
-        view = self.state.view
-        return None if view is None else view.session.dataset.poses.time_s
 
     def _want(self, pose: Callable[[int], int]) -> None:
         view = self.state.view
@@ -391,10 +369,6 @@ class App:
         """Analyse the redundancy of the parameters for a kind of residual."""
         if residual in RESIDUALS:
             self.worker.submit("redundancy", lambda: self.dataset.analyse(residual))
-
-    def correlation(self) -> None:
-        """Show the chosen part of the correlation matrix."""
-        self.worker.submit("correlation", lambda: self.panels.redundancy.update(self.state.now))
 
     def calibrate(self, residual: str) -> None:
         """Fit the robot's parameters with a kind of residual."""

@@ -19,7 +19,7 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
 from calib.errors import CalibError, FitError, visible
 from calib.fitting.observations import nominal_state
-from calib.models.exported_table import ExportedTable, exported_table, require_template_of
+from calib.models.exported_table import ExportedTable, exported_table
 from calib.models.model_file import load_model
 from calib.models.refit import refit
 from calib.present.fit.calibration import (
@@ -34,19 +34,18 @@ from calib.present.fit.errors import step_table
 from calib.present.results import to_dict
 from calib.rendering import numbers
 from calib.rendering.text import block_text
-from calib.robot_formats.calibrated_file import kept_template
+from calib.robot_formats.calibrated_file import in_template, kept_template
 from calib.robot_formats.robot_form import forms_of, template_suffixes
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options.fits import CalibrateOptions
 from inspector.cli.options.shared import WithAdding
 from inspector.cli.output_paths import check_outputs
-from inspector.export.csv_and_png import residuals_csv
+from inspector.export.csv_files import residuals_csv
 from inspector.session.session import Session
 from inspector.session.session_file import session_text
 from inspector.session.transitions import with_steps
 
 _URDF, _YAML = (".urdf",), (".yaml", ".yml")  # suffixes of templates
-SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
 
 def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ...]:
@@ -71,7 +70,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     """Fit a dataset, and write the calibrated table, the model and other files."""
     dataset = load(options.path, options, options.finder)
     outputs = [
-        options.out, options.model_out, options.residuals, options.scene, options.session,
+        options.out, options.model_out, options.residuals, options.session,
         options.urdf_out, options.kinematics_out, *(path for added in options.added for path in added.outputs()),
     ]  # fmt: skip
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
@@ -117,10 +116,6 @@ def run_calibrate(options: CalibrateOptions) -> int:
         contents |= added.files(result)
     if options.residuals is not None:
         contents[options.residuals] = residuals_csv(result)
-    if options.scene is not None:
-        from inspector.export.glb_scene import scene_glb  # with trimesh, which takes a while to load
-
-        contents[options.scene] = scene_glb(result, dataset.poses.reference, SCENE_ARROWS)
     if options.session is not None:
         session = _as_session(options, dataset, steps)
         contents[options.session] = session_text(session, beside=options.session.parent)
@@ -184,7 +179,7 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
         if out is not None:
             found[out] = fitting[0]
     for template in found.values():
-        require_template_of(template, dataset.robot)
+        in_template(template, dataset.robot, dataset.robot)
     return found
 
 

@@ -25,7 +25,6 @@ CORE = (
     Command("diagnose", f"{_OPTIONS}.fits:DiagnoseOptions", "inspector.cli.fit_commands:run_diagnose"),
     Command("compare", f"{_OPTIONS}.fits:CompareOptions", "inspector.cli.compare_command:run_compare"),
     Command("repeat", f"{_OPTIONS}.fits:RepeatOptions", "inspector.cli.compare_command:run_repeat"),
-    Command("verify", f"{_OPTIONS}.datasets:VerifyOptions", "inspector.cli.dataset_commands:run_verify"),
     Command("plan", f"{_OPTIONS}.planning:PlanOptions", "inspector.cli.planning.plan_command:run_plan"),
     Command("report", f"{_OPTIONS}.fits:ReportOptions", "inspector.cli.fit_commands:run_report"),
     Command("figures", f"{_OPTIONS}.fits:FiguresOptions", "inspector.cli.fit_commands:run_figures"),

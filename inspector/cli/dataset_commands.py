@@ -18,7 +18,6 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import load_dataset
-from calib.dataset.files.origin import verify
 from calib.effects.catalogue import descriptions
 from calib.errors import printable, visible
 from calib.identifiability.structural import free_frame_rank
@@ -28,18 +27,17 @@ from calib.present import to_dict
 from calib.present.effects import effects_document
 from calib.present.fit.corners import batch_blocks, corners_document
 from calib.present.fit.redundancy import free_frame_sentence, redundancy_blocks, redundancy_document
-from calib.present.origins import verified_document
 from calib.rendering.blocks import Paragraph
 from calib.rendering.text import block_text
 from calib.strict_json import to_json
 from calib.targets.assignment import assign_targets
 from calib.targets.batch import find_targets
 from calib.targets.protocol.user_file import load_finder
-from inspector.cli.options.datasets import CornersOptions, RedundancyOptions, ServeOptions, VerifyOptions
+from inspector.cli.options.datasets import CornersOptions, RedundancyOptions, ServeOptions
 from inspector.cli.options.shared import Output, WithLeaveOut
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
-from inspector.export.csv_and_png import corners_csv, redundancy_csv
+from inspector.export.csv_files import corners_csv, redundancy_csv
 
 
 def run_serve(options: ServeOptions) -> int:
@@ -158,11 +156,3 @@ def found_corners(dataset: Dataset, wanted: int | None = None) -> CornerBatch:
 def show(options: Output, document: Mapping[str, Any], text: str) -> None:
     """Print a text, or with --json one object."""
     print(to_json(to_dict(document)) if options.json else visible(text), file=options.stdout)
-
-
-def run_verify(options: VerifyOptions) -> int:
-    """Hold results against the files that they were made of; exit code 1 where any was made of others."""
-    dataset = load(options.path)
-    results = [verify(path, dataset) for path in options.results]
-    show(options, verified_document(results), "\n".join(verified.summary() for verified in results))
-    return 0 if all(verified.is_same for verified in results) else 1

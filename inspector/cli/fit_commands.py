@@ -55,7 +55,6 @@ def run_validate(options: ValidateOptions) -> int:
 
 def run_report(options: ReportOptions) -> int:
     """Diagnose a dataset and write the report as a page, a PDF, or both."""
-    from inspector.report.content import report_of
     from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
 
     out = options.out
@@ -68,7 +67,7 @@ def run_report(options: ReportOptions) -> int:
         session = with_face_labels(session)
     found = diagnosed(session.measured_for(options.residual), options)
     session = with_found(session, found)
-    write_text_atomically(out, report_html(report_of(session), now=datetime.now()))
+    write_text_atomically(out, report_html(session, now=datetime.now()))
     document = diagnosis_document(found, session.next_poses) | {"report": str(out)}
     show(options, document, f"{out}: {found.headline}")
     return 0

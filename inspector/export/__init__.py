@@ -1,1 +1,1 @@
-"""Exports of results: JSON documents, CSV, PNG and GLB."""
+"""Exports of results: JSON documents, CSV, figures."""

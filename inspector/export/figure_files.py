@@ -13,7 +13,7 @@ from pathlib import Path
 from calib.dataset.files.atomic_write import write_all_atomically
 from calib.rendering.blocks import FigurePlace, Presentation
 from inspector import figures
-from inspector.figures.results.still import to_svg
+from inspector.figures.results.alone import to_svg
 
 SVG, PNG = ".svg", ".png"
 _COLOUR = re.compile(r"(--[a-z]+):(#[0-9a-f]+)")
@@ -62,7 +62,7 @@ def write_figures(chosen: Sequence[NamedFigure], folder: Path, *, png: bool) -> 
 
 
 def png_of(svg: str) -> bytes:
-    """PNG of an SVG file of a figure (`inspector.figures.svg.file`), on its own background."""
+    """PNG of an SVG file of a figure (`inspector.figures.to_svg`), on its own background."""
     from PIL import ImageFont  # brings a font for machines that have none
     from resvg_py import svg_to_bytes
 

@@ -14,7 +14,6 @@ from importlib import import_module
 from inspector.plugins import Figures, contributions
 
 _RESULTS = (
-    "added_variable",
     "convergence",
     "error_bars",
     "error_history",
@@ -22,13 +21,10 @@ _RESULTS = (
     "learning_curve",
     "moved_by_change",
     "plan_curve",
-    "ranking",
     "redundancy_heatmap",
     "residuals_over",
-    "where_measured",
-    "work_space",
 )
-_HOME = {**dict.fromkeys(_RESULTS, "inspector.figures.results.of_results"), "to_svg": "inspector.figures.results.still"}
+_HOME = {**dict.fromkeys(_RESULTS, "inspector.figures.results.of_results"), "to_svg": "inspector.figures.results.alone"}
 _CONTRIBUTED = {name: brought.module for brought in contributions(Figures) for name in brought.names}
 
 __all__ = sorted(_HOME)

@@ -1,6 +1,6 @@
 """The figures of results as type checkers see them: what `__init__.py` loads when it is first asked for."""
 
-from inspector.figures.results.of_results import added_variable as added_variable
+from inspector.figures.results.alone import to_svg as to_svg
 from inspector.figures.results.of_results import convergence as convergence
 from inspector.figures.results.of_results import error_bars as error_bars
 from inspector.figures.results.of_results import error_history as error_history
@@ -8,15 +8,10 @@ from inspector.figures.results.of_results import learned_curves as learned_curve
 from inspector.figures.results.of_results import learning_curve as learning_curve
 from inspector.figures.results.of_results import moved_by_change as moved_by_change
 from inspector.figures.results.of_results import plan_curve as plan_curve
-from inspector.figures.results.of_results import ranking as ranking
 from inspector.figures.results.of_results import redundancy_heatmap as redundancy_heatmap
 from inspector.figures.results.of_results import residuals_over as residuals_over
-from inspector.figures.results.of_results import where_measured as where_measured
-from inspector.figures.results.of_results import work_space as work_space
-from inspector.figures.results.still import to_svg as to_svg
 
 __all__ = [
-    "added_variable",
     "convergence",
     "error_bars",
     "error_history",
@@ -24,10 +19,7 @@ __all__ = [
     "learning_curve",
     "moved_by_change",
     "plan_curve",
-    "ranking",
     "redundancy_heatmap",
     "residuals_over",
     "to_svg",
-    "where_measured",
-    "work_space",
 ]

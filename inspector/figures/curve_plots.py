@@ -10,13 +10,13 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import BoolArray
 from calib.html_text import escape
 from calib.kinematics.robot import Robot
 from calib.present.fit.learned import input_label
 from calib.present.names import read_unit
 from calib.screening.curves.fitted_curves import FittedCurve
-from inspector.figures.style import EDGE, NOWHERE, SELECTED_COLOUR, Part, figure, listed, scatter, selects_joint
+from inspector.figures.style import EDGE, NOWHERE, Part, figure, listed, scatter, selects_joint
 from inspector.markup.parts.palette import NEUTRAL
 
 CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
@@ -32,13 +32,8 @@ def height_px(panels: int, columns: int = 1) -> int:
     return _TOP_PX + rows * _PLOT_PX + (rows - 1) * _GAP_PX + _BOTTOM_PX
 
 
-def joint_curves(
-    curves: Sequence[FittedCurve], robot: Robot, *, columns: int = 1, selected: int | None = None
-) -> go.Figure:
-    """Figure of each curve's error over its input, one panel each, in `columns` columns.
-
-    selected: the joint, from 0, whose panels have an outline.
-    """
+def joint_curves(curves: Sequence[FittedCurve], robot: Robot, *, columns: int = 1) -> go.Figure:
+    """Figure of each curve's error over its input, one panel each, in `columns` columns."""
     rows = -(-len(curves) // columns)
     inner_px = height_px(len(curves), columns) - _TOP_PX - _BOTTOM_PX
     traces: list[Part] = []
@@ -55,9 +50,6 @@ def joint_curves(
         x, low, high = curve.input_scale * curve.u, *_range(curve)
         traces += _traces(curve, f"x{name}", f"y{name}", low + 0.05 * (high - low), first=k == 0)
         shapes += _unmeasured(curve, f"x{name}", f"y{name}")
-        if curve.joint == selected:
-            outline = {"line": {"width": 2.5, "color": SELECTED_COLOUR}, "fillcolor": "rgba(0,0,0,0)"}
-            shapes.append(_rectangle(f"x{name} domain", f"y{name}", (0, 1), outline))
         titles.append(
             {
                 "text": f"<b>Joint {curve.joint + 1}</b>", "name": str(curve.joint + 1), "captureevents": True,
@@ -102,8 +94,7 @@ def _range(curve: FittedCurve) -> tuple[float, float]:
 
 def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, *, first: bool) -> list[Part]:
     """Traces of one curve; `rug` is the error at which the measured inputs are marked."""
-    x, y = _short(curve.input_scale * curve.u), _short(curve.scale * curve.value)
-    half = _short(2.0 * curve.scale * curve.sigma)
+    x, y, half = curve.input_scale * curve.u, curve.scale * curve.value, 2.0 * curve.scale * curve.sigma
     axes = {"xaxis": xaxis, "yaxis": yaxis, "showlegend": first, "meta": selects_joint(curve.joint + 1)}
     unseen = {**axes, "showlegend": False}
     told = {"connectgaps": False, "customdata": listed(half)}
@@ -117,15 +108,15 @@ def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, *, first: bo
     outside, inside = np.where(_closed(~curve.inside), y, np.nan), np.where(curve.inside, y, np.nan)
     rugs = np.full(len(curve.measured), rug)
     return [
-        scatter("upper", x, _short(y + half), line=edge, more=unseen),
-        scatter(BAND, x, _short(y - half), line=edge, more={**axes, **fill}),
+        scatter("upper", x, y + half, line=edge, more=unseen),
+        scatter(BAND, x, y - half, line=edge, more={**axes, **fill}),
         scatter("outside", x, outside, line={"color": NEUTRAL, "width": 1.5}, hover=hover, more={**unseen, **told}),
         scatter(
             CURVE, x, inside, line={"color": _CURVE_COLOUR, "width": 2}, hover=hover,
             more={**axes, **told, "legendgroup": CURVE},
         ),
         scatter(
-            MEASURED, _short(curve.input_scale * curve.measured), rugs, marker=ticks,
+            MEASURED, curve.input_scale * curve.measured, rugs, marker=ticks,
             more={**axes, "legendgroup": MEASURED},
         ),
         scatter(OUTSIDE, NOWHERE, NOWHERE, marker={"size": 11, "symbol": "square", "color": _GREY}, more=axes),
@@ -135,22 +126,13 @@ def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, *, first: bo
 def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[Part]:
     """Grey rectangles on either side of the measured range."""
     u, first, last = (curve.input_scale * v for v in (curve.u, curve.measured[:1], curve.measured[-1:]))
+    grey = {"y0": 0, "y1": 1, "layer": "below", "fillcolor": _GREY, "line": {"width": 0}}
     return [
-        _rectangle(xaxis, yaxis, (float(x0), float(x1)), {"layer": "below", "fillcolor": _GREY, "line": {"width": 0}})
+        {"type": "rect", "xref": xaxis, "yref": f"{yaxis} domain", "x0": float(x0), "x1": float(x1), **grey}
         for x0, x1 in ((u[0], first[0]), (last[0], u[-1]))
     ]
-
-
-def _rectangle(xref: str, yaxis: str, x: tuple[float, float], style: Part) -> Part:
-    """Rectangle as high as a panel."""
-    return {"type": "rect", "xref": xref, "yref": f"{yaxis} domain", "x0": x[0], "x1": x[1], "y0": 0, "y1": 1, **style}
 
 
 def _closed(outside: BoolArray) -> BoolArray:
     """Mask of places outside the measured range, widened by one place on each side so that the drawn parts meet."""
     return outside | np.append(outside[1:], False) | np.insert(outside[:-1], 0, False)
-
-
-def _short(values: Array) -> Array:
-    """Numbers with five figures."""
-    return np.array([float(f"{v:.5g}") for v in values])

@@ -5,7 +5,7 @@ Numbers in, plotly figures out; nothing is computed here. Style and labels are i
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -25,12 +25,11 @@ from inspector.figures.style import (
     SHOWS_STEP,
     SIGNED_SCALE,
     Part,
-    distinct_labels,
     figure,
+    log_axis,
     of_poses,
     of_role,
     scatter,
-    selects_joint_of_row,
     shortened,
 )
 from inspector.markup.parts.palette import NEUTRAL, PROPOSAL, ROLE_COLOURS, UNKNOWN, rgb, role_colour
@@ -39,15 +38,10 @@ MOST_TICKS = 16
 MOST_DROPPING = 60  # test poses that are drawn one by one in a model's history
 SPREAD = 0.3  # of the distance between two models: width over which single test poses are spread
 NOISE_BAND = "rgba(128,128,128,0.28)"
-_MOST_EFFECTS = 16  # that are shown
 
 
 def correlation_heatmap(
-    names: Sequence[str],
-    pearson: ArrayLike,
-    *,
-    no_influence: Sequence[str] = (),
-    joints: Mapping[str, int] | None = None,
+    names: Sequence[str], pearson: ArrayLike, *, joints: Mapping[str, int] | None = None
 ) -> go.Figure:
     """Heatmap of Pearson's r (P, P) of all pairs of parameters; grey (NaN) for parameters without influence.
 
@@ -56,18 +50,15 @@ def correlation_heatmap(
     r = np.asarray(pearson, dtype=float)
     labels = [escape(parameter_label(name)) for name in names]
     missing = np.isnan(r)
-    picks = selects_joint_of_row({escape(parameter_label(n)): j for n, j in (joints or {}).items()})
-    without = [name for name in names if name in set(no_influence)] or [
-        name for i, name in enumerate(names) if missing[i].all()
-    ]
+    rows = {escape(parameter_label(name)): joint for name, joint in (joints or {}).items()}
     cells = {
-        "type": "heatmap", "x": labels, "y": labels, "zmin": -1, "zmax": 1, "meta": picks, "xgap": 1, "ygap": 1,
-        "hoverongaps": False,
+        "type": "heatmap", "x": labels, "y": labels, "zmin": -1, "zmax": 1, "xgap": 1, "ygap": 1,
+        "hoverongaps": False, "meta": {"ask": "joint", "rows": rows},
     }  # fmt: skip
     grey = {
         **cells, "z": np.where(missing, 0.0, np.nan).tolist(), "showscale": False,
-        "colorscale": [(0, UNKNOWN), (1, UNKNOWN)], "customdata": _why_missing(names, without),
-        "hovertemplate": "%{y} – %{x}<br>no influence: %{customdata}<extra></extra>",
+        "colorscale": [(0, UNKNOWN), (1, UNKNOWN)],
+        "hovertemplate": "%{y} – %{x}<br>no influence of one of both<extra></extra>",
     }  # fmt: skip
     coloured = {
         **cells, "z": r.tolist(), "colorscale": SIGNED_SCALE,
@@ -90,18 +81,6 @@ def correlation_heatmap(
     )
 
 
-def _why_missing(names: Sequence[str], no_influence: Sequence[str]) -> list[list[str]]:
-    """Hover texts that name the parameter without influence in each pair."""
-    without = set(no_influence)
-    return [
-        [
-            " and ".join(dict.fromkeys(n for n in (row, column) if n in without)) or "a column does not vary"
-            for column in names
-        ]
-        for row in names
-    ]
-
-
 def convergence(
     train_rmse_mm: Sequence[float], test_rmse_mm: Sequence[float] | None = None, *, what: str = "3D"
 ) -> go.Figure:
@@ -114,7 +93,7 @@ def convergence(
     return figure(
         traces,
         xaxis={"title": "iteration (0 = nominal)", "rangemode": "tozero", "dtick": max(1, longest // 8)},
-        yaxis={"type": "log", "title": f"{what} RMSE, mm", **_log_ticks(_known(curves))},
+        yaxis={"title": f"{what} RMSE, mm", **_log_axis(_known(curves))},
     )
 
 
@@ -128,22 +107,15 @@ def _known(curves: Mapping[str, Array]) -> list[float]:
     return [float(mm) for y in curves.values() for mm in y[np.isfinite(y)]]
 
 
+def _log_axis(values: Sequence[float]) -> Part:
+    return log_axis(min(values), max(values)) if values else {"type": "log"}
+
+
 def _curve(role: str, y: ArrayLike, hover: str, more: Part | None = None, x: ArrayLike | None = None) -> Part:
     """Line with a point at each step, in the colour of a role."""
     steps = np.arange(len(np.asarray(y))) if x is None else x
     line, over_edge = {"color": ROLE_COLOURS[role], "width": 2}, {"cliponaxis": False, **(more or {})}
     return scatter(ROLES[role], steps, y, line=line, marker=of_role(role), hover=hover, more=over_edge)
-
-
-def _log_ticks(values: Sequence[float]) -> Part:
-    """Ticks 1, 2, 5, 10, ... over the values' range; only powers of ten where it is wide."""
-    if not len(values):
-        return {}
-    low, high = np.floor(np.log10(min(values))), np.ceil(np.log10(max(values)))
-    steps = (1,) if high - low > 3 else (1, 2, 5)
-    every = max(1, int((high - low) // 8))
-    ticks = [float(f"{s}e{int(e)}") for e in np.arange(low, high + 1, every) for s in steps]
-    return {"tickvals": ticks, "ticktext": [f"{t:g}" for t in ticks]}
 
 
 def pose_residuals(
@@ -175,7 +147,7 @@ def pose_residuals(
         [*traces, *edge],
         xaxis={
             "title": "pose", "type": "category", "categoryorder": "array", "categoryarray": names,
-            "tickvals": names[::every], "ticktext": distinct_labels(ids)[::every],
+            "tickvals": names[::every], "ticktext": [shortened(name, 12) for name in ids[::every]],
             "tickangle": -45, "tickfont": {"size": 9},
         },
         yaxis={"title": f"{what}, mm", **extent},
@@ -227,7 +199,6 @@ def error_history(
     clicks = {"customdata": names, "ids": list(map(str, steps)), "meta": SHOWS_STEP}
     for role, y in curves.items():
         traces.append(_curve(role, y, f"%{{customdata}}<br>{ROLES[role]} 3D RMSE %{{y:.4g}} mm", clicks))
-    extent = {"range": [np.log10(min(shown) / 1.3), np.log10(max(shown) * 1.3)]} if shown else {}
     every = max(1, -(-len(labels) // MOST_TICKS))
     return figure(
         traces,
@@ -236,7 +207,7 @@ def error_history(
             "range": [-0.3, len(labels) - 0.7], "tickfont": {"size": 11},
             "tickangle": 0 if len(labels) < 3 else -25 if len(labels) < 9 else -60,
         },
-        yaxis={"type": "log", "title": "3D RMSE, mm", **_log_ticks(shown), **extent},
+        yaxis={"title": "3D RMSE, mm", **_log_axis(shown)},
         margin=(56, 14, 30, 10),
     )  # fmt: skip
 
@@ -273,41 +244,6 @@ def _dropping(test_poses_mm: Sequence[Mapping[str, float]]) -> Part:
         name, x.ravel(), np.where(y > 0.0, y, np.nan).ravel(), line={"color": colour, "width": 0.6},
         marker={"color": colour, "size": 4}, hover="%{customdata}: %{y:.3g} mm",
         more={**of_poses(np.repeat(ids, steps + 1).tolist(), shared=True), "connectgaps": False},
-    )  # fmt: skip
-
-
-def evidence_bars(log_evidence: Mapping[str, float], named: Collection[str], least: float) -> go.Figure:
-    """Bars of the log evidence of the first effects by name, those named by a diagnosis in a colour of their own.
-
-    least: log evidence for adding one, drawn as a line.
-    """
-    effects = list(log_evidence)[:_MOST_EFFECTS]
-    label = {effect: shortened(effect, 26) for effect in effects}
-    groups = {
-        ("named by the diagnosis", PROPOSAL): [e for e in effects if e in named],
-        ("not named", UNKNOWN): [e for e in effects if e not in named],
-    }
-    traces: list[Part] = [
-        {
-            "type": "bar", "name": name, "x": [label[e] for e in of], "y": [log_evidence[e] for e in of],
-            "marker": {"color": colour}, "customdata": list(map(escape, of)),
-            "hovertemplate": "%{x}<br>log evidence %{y:.1f}<extra></extra>",
-        }
-        for (name, colour), of in groups.items() if of
-    ]  # fmt: skip
-    labels = list(label.values())
-    if labels:
-        dashed = {"color": NEUTRAL, "width": 2, "dash": "dash"}
-        traces.append(scatter(f"convincing: more than {least:g}", [labels[0], labels[-1]], [least] * 2, line=dashed))
-    return figure(
-        traces,
-        xaxis={
-            "title": "effect", "type": "category", "categoryorder": "array", "categoryarray": labels,
-            "tickvals": labels, "ticktext": labels, "tickangle": -45, "tickfont": {"size": 10},
-        },
-        yaxis="log evidence over noise",
-        margin=(56, 14, 30, 10),
-        layout={"bargap": 0.2, "barmode": "overlay"},
     )  # fmt: skip
 
 

@@ -127,47 +127,31 @@ def place_views(
         "size": 9, "line": {"color": EDGE, "width": 0.7},
     }  # fmt: skip
     traces: list[Part] = []
-    for view in _AXIS_OF_VIEW:
+    for view, axis in _AXIS_OF_VIEW.items():
         for role, rows in _roles(is_test):
             scale = {} if traces else {"colorbar": bar, "showscale": True}
+            more = {
+                **of_poses([ids[i] for i in rows]), "text": [f"{v:.4g}" for v in shown[rows]],
+                "legendgroup": role, "showlegend": view == "y", "yaxis": view,
+            }  # fmt: skip
+            hover = (
+                f"pose %{{customdata}} ({ROLES[role]})<br>{escape(title)} %{{text}}<br>x %{{x:.0f}} mm, "
+                f"{'xyz'[axis]} %{{y:.0f}} mm"
+            )
             marker = {**of_role(role), **colour, **scale, "color": listed(shown[rows])}
-            more = {**of_poses([ids[i] for i in rows]), "text": [f"{v:.4g}" for v in shown[rows]]}
-            traces.append(_view_trace(view, role, place[rows], marker, more, f"{escape(title)} %{{text}}<br>"))
+            traces.append(
+                scatter(ROLES[role], place[rows, 0], place[rows, axis], marker=marker, hover=hover, more=more)
+            )
         traces.append(_ring(view))
-    return select(_two_views(traces), selected)
-
-
-def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]) -> go.Figure:
-    """Measured places from above and from the side, coloured by role; `place_mm` (N, 3), base frame."""
-    place = np.asarray(place_mm, dtype=float)
-    return _two_views(
-        [
-            _view_trace(view, role, place[rows], of_role(role), {"customdata": [escape(ids[i]) for i in rows]})
-            for view in _AXIS_OF_VIEW
-            for role in ROLE_COLOURS
-            if (rows := [i for i, r in enumerate(roles) if r == role])
-        ]
-    )
-
-
-def _view_trace(view: str, role: str, place_mm: Array, marker: Part, more: Part, value: str = "") -> Part:
-    """Trace of places (K, 3) in a view of the work space, by the name of its y axis."""
-    axis = _AXIS_OF_VIEW[view]
-    hover = f"pose %{{customdata}} ({ROLES[role]})<br>{value}x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm"
-    of_view = {"legendgroup": role, "showlegend": view == "y", "yaxis": view, **more}
-    return scatter(ROLES[role], place_mm[:, 0], place_mm[:, axis], marker=marker, hover=hover, more=of_view)
-
-
-def _two_views(traces: Sequence[Part]) -> go.Figure:
-    """Figure of two panels of equal scale: from above (traces on axis "y") and from the side (traces on "y2")."""
     equal = {"scaleanchor": "x", "constrain": "domain"}
-    return figure(
+    fig = figure(
         traces,
         xaxis={"title": "x of the base, mm", "anchor": "y2", "constrain": "domain"},
         yaxis={"title": "y, mm (from above)", "domain": [0.53, 1.0], **equal},
         margin=(56, 10, 30, 42),
         layout={"yaxis2": {"title": "z, mm (from the side)", "domain": [0.0, 0.47], **equal}},
     )
+    return select(fig, selected)
 
 
 def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
@@ -222,7 +206,7 @@ def moved_by_change(moved_mm: Array, explained_mm: Array, ids: Sequence[str], he
 
 def _measured(name: str, role: str, x: ArrayLike, y: ArrayLike, ids: Sequence[str], hover: str) -> Part:
     """Trace of what was measured, a point a coordinate, over what is explained of it."""
-    marker = {"size": 5, "color": ROLE_COLOURS[role], "opacity": 0.8}
+    marker = {"size": 5, "color": ROLE_COLOURS[role]}
     return scatter(name, x, y, marker=marker, hover=hover, more=of_poses(ids, shared=True))
 
 

@@ -73,7 +73,7 @@ def within_range(
     more = {
         "showlegend": False, "cliponaxis": False, "ids": [names[i] for i in at],
         "meta": {**SELECTS_POSE, "beyond": True},
-        "text": [f"pose {names[i]}<br>{values[i]:.4g} {unit}, beyond this axis<br>double-click: show all" for i in at],
+        "text": [f"pose {names[i]}<br>{values[i]:.4g} {unit}, beyond this axis" for i in at],
     }  # fmt: skip
     triangles = {"symbol": np.where(above, "triangle-up", "triangle-down").tolist(), "size": 11, "color": EDGE}
     y = np.where(above, shown.high - inset, shown.low + inset)

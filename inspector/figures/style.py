@@ -37,11 +37,6 @@ def selects_joint(joint: int) -> dict[str, object]:
     return {"ask": "joint", "value": joint}
 
 
-def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
-    """Heatmap meta with which a click on a cell selects the joint, counted from 1, of the row's label."""
-    return {"ask": "joint", "rows": dict(joints)}
-
-
 INK = "#24292F"  # text on paper; saved figures keep it
 VEIL = "rgba(255,255,255,0.75)"  # behind text that may lie over marks, on paper
 EDGE = MEASURE  # outlines of points, marks of inputs
@@ -58,24 +53,10 @@ def shortened(name: str, most: int = 22) -> str:
     return escape(name)
 
 
-def distinct_labels(names: Sequence[str], most: int = 12) -> list[str]:
-    """Shortened names for an axis; long ones lose their common prefix and suffix: "…17…"."""
-    start = end = 0
-    if max(map(len, names), default=0) > most and len(names) > 1:
-        start = _common_prefix_length(names)
-        end = min(_common_prefix_length([name[::-1] for name in names]), min(map(len, names)) - start)
-    dots = ("…" if start else "", "…" if end else "")
-    return [shortened(dots[0] + name[start : len(name) - end] + dots[1], most) for name in names]
-
-
-def _common_prefix_length(names: Sequence[str]) -> int:
-    letters = enumerate(zip(*names, strict=False))
-    return next((k for k, column in letters if len(set(column)) > 1), min(map(len, names)))
-
-
 def log_axis(low: float, high: float) -> dict[str, object]:
-    """Layout keys of a logarithmic axis over these values, with ticks at 0.1, 0.2, 0.5, 1 ..."""
-    ticks = [float(f"{step}e{power}") for power in range(-7, 5) for step in (1, 2, 5)]
+    """Layout keys of a logarithmic axis over these values, with ticks at 0.1, 0.2, 0.5, 1 ..., 0.1, 1 ... of many."""
+    steps = (1, 2, 5) if high < 1e3 * low else (1,)
+    ticks = [float(f"{step}e{power}") for power in range(-7, 5) for step in steps]
     return {
         "type": "log", "tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks],
         "range": [math.log10(low / 1.3), math.log10(high * 1.3)],

@@ -1,24 +1,27 @@
-"""Legend of the colours in the 3D view."""
+"""Legend of the colours in the 3D view, and the ends of its colour scales."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.model_versions import EFFECTS
+from calib.calibration.model_versions import EFFECTS, Version
+from calib.calibration.noise_level import noise_level
 from calib.dataset.dataset import Dataset
-from calib.present.names import instrument
-from inspector.markup.model.comparison import distance_bar, errors_legend, points_legend, roles_legend
-from inspector.markup.parts import elements
+from calib.present.names import ROLES, instrument
+from calib.rendering import numbers
+from inspector.markup.parts import colour_scale, elements
 from inspector.markup.parts.palette import (
     CHANGED,
     FACE_COLOURS,
     FILTER_COLOURS,
     HIGHLIGHT,
+    LEFT_OUT,
     MEASURE,
     MODEL_BEFORE,
     MODEL_COLOURS,
     REJECTED,
+    ROLE_COLOURS,
 )
 from inspector.session.view import BY_ERROR, WORST, View, corner_of
 
@@ -91,3 +94,44 @@ def _of_the_base(visible: set[str]) -> str:
     axes = (("#CC0000", "x"), ("#00CC00", "y"), ("#0000CC", "z")) if "arm" in visible else ()
     grid = ((MEASURE, "floor, 100 mm a square"),) if "floor" in visible else ()
     return elements.legend([*axes, *grid], before="base" if axes else "")
+
+
+def points_legend(view: View) -> str:
+    """HTML legend of the measured points' colours."""
+    if view.colouring != BY_ERROR or view.version is None:
+        return roles_legend(view)
+    return errors_legend(view.version, view)
+
+
+def errors_legend(version: Version, view: View) -> str:
+    """HTML colour scale of a version's errors, with the error by noise alone."""
+    level = noise_level(version.calibration)
+    floor = level.floor_mm
+    mark = None if floor is None else (floor, f"{level.name}, {numbers.length(floor)}")
+    return colour_scale.bar(f"3D error of {version.name}", 0.0, error_limit_mm(view), colour_scale.ERROR, mark=mark)
+
+
+def distance_bar(distances_mm: Array) -> str:
+    """HTML colour scale of a scan's distances (N,) to the jig."""
+    limit = distance_limit_mm(distances_mm)
+    return colour_scale.bar("Distance to the nearest chosen face", -limit, limit, colour_scale.SIGNED)
+
+
+def roles_legend(view: View) -> str:
+    """HTML legend of the roles' colours and, where poses are left out, of the colour of left-out poses."""
+    present = set(map(str, view.session.dataset.poses.role))
+    out = [(LEFT_OUT, "left out")] if view.session.uncounted else []
+    return elements.legend([*((ROLE_COLOURS[r], w) for r, w in ROLES.items() if r in present), *out])
+
+
+def error_limit_mm(view: View) -> float:
+    """Upper end of the colour scale of all versions' errors, mm: below it are nine in ten of the nominal robot's."""
+    errors_mm = view.versions[0].pose_errors_mm() if view.versions else np.zeros(0)
+    known = errors_mm[np.isfinite(errors_mm)]
+    return colour_scale.round_limit(float(np.percentile(known, 90))) if len(known) else 1.0
+
+
+def distance_limit_mm(distances_mm: Array) -> float:
+    """Upper end of the distance colour scale, mm: the 98th percentile."""
+    known = np.abs(distances_mm[np.isfinite(distances_mm)])
+    return colour_scale.round_limit(float(np.percentile(known, 98))) if len(known) else 1.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, Protocol
 
 import viser
@@ -21,8 +21,6 @@ class Actions(Protocol):
     def open_again(self) -> None: ...
     def select(self, pose: int) -> None: ...
     def step(self, by: int) -> None: ...
-    def at_time(self, seconds: float) -> None: ...
-    def play(self, start: bool) -> None: ...
     def show_view(self, name: str) -> None: ...
     def keep_view(self, keep: bool) -> None: ...
     def look_from(self, side: str) -> None: ...
@@ -33,7 +31,6 @@ class Actions(Protocol):
     def search(self, go_on: bool) -> None: ...
     def redundancy(self, residual: str) -> None: ...
     def calibrate(self, residual: str) -> None: ...
-    def correlation(self) -> None: ...
     def find(self, start: bool) -> None: ...
     def candidate(self) -> None: ...
     def follow(self) -> None: ...
@@ -67,9 +64,12 @@ class FollowsModel(ABC):
         """Show the model of a view."""
 
 
-def by_page(event: Any) -> bool:
-    """Whether a page changed the widget; False where this program did (viser calls back for both)."""
-    return event.client_id is not None
+def on_page(handle: Any, then: Callable[[Any], None]) -> None:
+    """Have a function called with a widget's value when a page changes it, not when this program does.
+
+    Viser calls back for both.
+    """
+    handle.on_update(lambda event: None if event.client_id is None else then(event.target.value))
 
 
 def put(handle: Any, value: Any) -> None:
@@ -108,13 +108,19 @@ class ChosenByDataset:
         return self._chosen.get(dataset, self._default)
 
 
+def relist(handle: Any, options: tuple[str, ...]) -> bool:
+    """Set the options of a list or a row of buttons where they differ; whether they did."""
+    differ = options != tuple(handle.options)
+    if differ:
+        handle.options = options
+    return differ
+
+
 def offer(handle: Any, options: tuple[str, ...]) -> None:
     """Set the options of a list; the current choice is kept if it is still among them."""
-    if options == tuple(handle.options):
-        return
     before = str(handle.value)
-    handle.options = options
-    put(handle, before if before in options else options[0])
+    if relist(handle, options):
+        put(handle, before if before in options else options[0])
 
 
 def hidden_plot(gui: viser.GuiApi, aspect: float, name: str) -> viser.GuiPlotlyHandle:

@@ -11,6 +11,7 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.errors import CalibError
 from calib.models.exported_table import exported_table
 from calib.present.fit.errors import table_alone
+from calib.rendering.blocks import Verdict
 from calib.rendering.html import panel
 from calib.robot_formats.calibrated_file import kept_template
 from inspector.markup.parts import elements
@@ -24,10 +25,8 @@ NOT_YET = "Nothing to take away yet: the model is fitted when the search has end
 REPORT, OWN_FILE, TABLE, MODEL = (
     "Report (HTML)", "Your robot's file, calibrated", "Calibrated robot (TOML)", "Full model (JSON)",
 )  # fmt: skip
-SESSION, SCREENSHOT = "Session (JSON)", "Screenshot (PNG)"
-RESIDUALS, POINTS, REDUNDANCY, SCENE = (
-    "Residuals (CSV)", "Measured points (CSV)", "Redundancy (CSV)", "3D scene (GLB)",
-)  # fmt: skip
+SESSION = "Session (JSON)"
+RESIDUALS, POINTS, REDUNDANCY = "Residuals (CSV)", "Measured points (CSV)", "Redundancy (CSV)"
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Item:
 
     icon: viser.IconName
     holds: str  # a sentence
-    command: str = ""  # the same at the terminal
+    command: str  # the same at the terminal
 
 
 GROUPS: dict[str, dict[str, Item]] = {
@@ -79,12 +78,6 @@ GROUPS: dict[str, dict[str, Item]] = {
         REDUNDANCY: Item(
             viser.Icon.TABLE, "Pearson's r of all pairs of parameters.", "inspector redundancy --out"
         ),
-        SCENE: Item(
-            viser.Icon.CUBE,
-            "For Blender and the like, in metres: the arm at this pose, points, residuals as long as on show.",
-            "inspector calibrate --scene",
-        ),
-        SCREENSHOT: Item(viser.Icon.CAMERA, "The 3D view as it is now, as large as the window."),
     },
     "Session": {
         SESSION: Item(
@@ -138,7 +131,7 @@ class DownloadsPanel(FollowsModel):
 
     def say(self, words: str) -> None:
         """Show what is being made; "" clears it."""
-        self._doing.content = elements.alert(words, colour="#56B4E9") if words else ""
+        self._doing.content = elements.alert(words, colour="#56B4E9")
 
 
 def before_use_html(view: View) -> str:
@@ -152,7 +145,7 @@ def before_use_html(view: View) -> str:
     except CalibError as error:
         return elements.alert(str(error), colour=BAD)
     doubt = implausibility_reason(session.calibration)
-    return panel(table_alone(table)) + (elements.alert(doubt, colour=DOUBT) if doubt else "")
+    return panel([*table_alone(table), Verdict(doubt, DOUBT)])
 
 
 def _pressed(actions: Actions, what: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:

@@ -1,4 +1,7 @@
-"""The headline above the 3D view: the arm's error, completed steps and the next one."""
+"""The bar above the 3D view: errors by stage, the four steps of the work, and viewing directions.
+
+Its classes are styled in `server/client/page.css`; the page's script shows it over the 3D view.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,31 @@ from dataclasses import replace
 
 import viser
 
-from inspector.markup.headline import headline_html, looks_html
-from inspector.session.loop import IDLE, TaskStatus
-from inspector.session.view import View
+from calib.diagnosis.budget import ErrorBudget
+from calib.diagnosis.headline import ErrorStage, Headline
+from calib.html_text import escape
+from calib.present.cause.budget import budget_parts, budget_sentence
+from calib.present.effects import title
+from calib.present.fit import errors as headlines
+from calib.rendering import numbers
+from inspector.markup.parts.elements import asking, opening
+from inspector.markup.parts.palette import MODEL_COLOURS
+from inspector.session.loop import FIND, FIT, IDLE, MEASURE, STEPS, TAKE, Progress, TaskStatus
+from inspector.session.session import Session
+from inspector.session.view import SIDES, View
+
+OFF_BY = "How far the arm is off"
+TABS = {  # where each step is done
+    MEASURE: "Measure/Scans",
+    FIT: "Model/Fit",
+    FIND: "Learn/What is missing",
+    TAKE: "Take away",
+}
+FITTING = "Fitting the arm's links to the measured points …"
+RANKING = "Weighing what could be missing from the model …"
+FOUND = "Take away the calibrated robot, the model or a report."
+TO_FIND = "Let the program find what this arm does that its model lacks."
+NO_DATASET = "No dataset is open."
 
 
 class HeadlinePanel:
@@ -50,3 +75,105 @@ class HeadlinePanel:
         if content != self._sent:
             self._sent = content
             self._html.content = content
+
+
+def headline_html(view: View | None, doing: TaskStatus) -> str:
+    """HTML of the whole bar; before there is a model, with the current and the next task instead of errors."""
+    if view is None:
+        return f'<div class="headline"><div class="headline-now">{escape(doing.words or NO_DATASET)}</div></div>'
+    session = view.session
+    progress = Progress.of(session, doing)
+    told = session.headline
+    way = "" if told is None else _way(told, view)
+    now = f'<div class="headline-now">{escape(_now(session, progress, doing))}</div>'
+    return f'<div class="headline">{way}{_steps(progress, doing)}{now}</div>'
+
+
+def looks_html() -> str:
+    """HTML of the buttons for the viewing directions of the 3D view."""
+    return "".join(f'<span class="look"{asking("look", side)} title="key {side[0]}">{side}</span>' for side in SIDES)
+
+
+def _way(told: Headline, view: View) -> str:
+    """HTML of the errors at each stage from the nominal robot on, as buttons, with the noise."""
+    arrow = '<span class="headline-arrow" aria-hidden="true">→</span>'
+    stages = arrow.join(_stage(told, stage, view) for stage in told.stages)
+    noise = f'<span class="headline-noise">({escape(headlines.noise(told))})</span>'
+    diagnosis = view.session.diagnosis
+    note = escape(headlines.note(told, unexplained=diagnosis is not None and diagnosis.is_unexplained))
+    of = f'<span class="headline-of" title="{note}">{OFF_BY}</span>'
+    return (
+        f'<div class="headline-title">{of}{noise}</div><div class="headline-way">{stages}</div>'
+        f"{_budget(view.session.budget)}"
+        f'<div class="headline-note">{note}</div>'
+    )
+
+
+def _budget(budget: ErrorBudget | None) -> str:
+    """HTML of the thin bar that divides the squared error as delivered between its causes; "" where there is none."""
+    if budget is None:
+        return ""
+    parts = "".join(
+        f'<i style="flex-grow:{part.share:.4f};background:{part.colour}" '
+        f'title="{escape(f"{part.name} {part.words}: {part.note}")}"></i>'
+        for part in budget_parts(budget)
+    )
+    words = escape(budget_sentence(budget))
+    return f'<div class="headline-budget" role="img" aria-label="{words}" title="{words}">{parts}</div>'
+
+
+def _stage(told: Headline, stage: ErrorStage, view: View) -> str:
+    step = 0 if stage.step is None else stage.step + 1
+    shown = step == view.shown_step
+    colour = MODEL_COLOURS[view.version_of_step(step)]
+    return (
+        f'<span class="headline-stage" aria-pressed="{str(shown).lower()}" style="--of-version:{colour}"'
+        f'{asking("step", step)} title="Show this model in 3D, tables and plots">'
+        f"<strong>{escape(headlines.length(told, stage.error_mm))}</strong>"
+        f"<span>{escape(_in_words(stage))}</span></span>"
+    )
+
+
+def _in_words(stage: ErrorStage) -> str:
+    """Name of a stage with its effects in words, which break between them: "with joint compliance"."""
+    name = stage.name
+    for key in stage.effects:
+        name = name.replace(key, title(key))
+    return name
+
+
+def _steps(progress: Progress, doing: TaskStatus) -> str:
+    """HTML of the four steps of the work, marked as done, next or later; a click opens a step's tab."""
+    return f'<div class="headline-steps">{"".join(_step(name, progress, doing) for name in STEPS)}</div>'
+
+
+def _step(name: str, progress: Progress, doing: TaskStatus) -> str:
+    state = "next" if name == progress.next else "done" if name in progress.done else "later"
+    sign = "✓" if name in progress.done else str(STEPS.index(name) + 1)
+    return (
+        f'<span class="headline-step" data-state="{state}" aria-label="{name}, {state}"{_does(name, progress, doing)}>'
+        f'<i aria-hidden="true">{sign}</i>{escape(name)}</span>'
+    )
+
+
+def _does(name: str, progress: Progress, doing: TaskStatus) -> str:
+    """HTML attributes for a click on a step: it opens the step's tab, and starts the search where that comes next."""
+    if name == FIND and progress.next == FIND and not doing.finding:
+        return asking("find", "start", tab=TABS[FIND])
+    return opening(TABS[name])
+
+
+def _now(session: Session, progress: Progress, doing: TaskStatus) -> str:
+    """Sentence on the current task, or on the next one."""
+    searched, scans = session.scans - len(session.waiting), session.scans
+    if progress.next == MEASURE:
+        if doing.searching:
+            return f"Looking for the jig's corner in each scan: {searched} of {scans}. Then the arm is fitted to them."
+        stopped = f"The search is stopped: {searched} of {numbers.count(scans, 'scan')} searched."
+        return f"{stopped} Go on searching in the panel Review."
+    if progress.next == FIT:
+        return doing.problem or FITTING
+    if progress.next == FIND:
+        waits = session.advice is None
+        return doing.words or (RANKING if waits else f"Next: {TO_FIND}")
+    return doing.words or f"Next: {FOUND}"

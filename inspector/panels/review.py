@@ -6,20 +6,30 @@ from collections.abc import Sequence
 
 import viser
 
+from calib.html_text import escape
 from calib.present import names
 from calib.present.cause.candidates import explained_at
 from calib.present.names import ROLES, instrument
-from calib.present.references import Names
 from calib.rendering import numbers
-from calib.rendering.blocks import Paragraph, listed, pose, spans
+from calib.rendering.blocks import (
+    LONG_NAME,
+    Coloured,
+    Facts,
+    Paragraph,
+    Verdict,
+    Words,
+    joined,
+    joint,
+    listed,
+    pose,
+    spans,
+)
 from calib.rendering.html import panel
 from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import linked
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
-from inspector.panels.base import SECONDARY, Actions, ChangedValues, by_page, put
+from inspector.panels.base import SECONDARY, Actions, ChangedValues, on_page, put, relist
 from inspector.panels.input_checks import clamped, one_of
-from inspector.panels.timeline import TimelinePanel
 from inspector.session.view import FACTORS, POINT_VIEWS, SIDES, VIEW_LAYERS, VIEWS, View, corner_of
 
 LAYER_WORDS = {
@@ -70,7 +80,6 @@ class ReviewPanel:
     def __init__(self, gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...]) -> None:
         self._actions = actions
         self._changed = ChangedValues()
-        self._names = Names()  # of the dataset on show
         self.dataset = gui.add_dropdown("Dataset", datasets, disabled=len(datasets) < 2)
         self._pages = gui.add_html("")
         self._problem = gui.add_html("")  # here it is seen, whatever the height of the screen
@@ -88,7 +97,6 @@ class ReviewPanel:
         self._in_box: tuple[str, ...] = ()  # ids
         self.box = gui.add_button_group("These poses", (LEAVE_BOX, CLEAR_BOX), visible=False)
         self._shown_pose = ""  # id
-        self.timeline = TimelinePanel(gui, actions)
         self.view = gui.add_button_group("3D view", VIEWS, hint="keys: 1 to 7")
         self.keep = gui.add_checkbox(
             "Keep this view", False, hint="the 3D view stays as it is when another tab is opened"
@@ -115,21 +123,19 @@ class ReviewPanel:
 
     def _connect(self, gui: viser.GuiApi) -> None:
         a = self._actions
-        self.dataset.on_update(lambda e: a.open(str(e.target.value)) if by_page(e) else None)
-        self.pose.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
+        on_page(self.dataset, lambda value: a.open(str(value)))
+        on_page(self.pose, lambda value: self._chosen(str(value)))
         self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
         self.view.on_click(lambda e: a.show_view(one_of(VIEW_OF.get(e.target.value, e.target.value), VIEWS, VIEWS[0])))
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
         self.box.on_click(lambda e: self._box_pressed(str(e.target.value)))
-        self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
+        on_page(self.keep, lambda value: a.keep_view(bool(value)))
         self.search.on_click(lambda _: self._search_pressed())
-        self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
-        self.size.on_update(lambda e: a.point_size(clamped(e.target.value, 0.2, 4.0, 1.2)))
-        self.factor.on_update(
-            lambda e: a.factor(float(one_of(e.target.value, [str(f) for f in FACTORS], "1000"))) if by_page(e) else None
-        )
+        on_page(self.grey, lambda value: a.grey_rejected(bool(value)))
+        on_page(self.size, lambda value: a.point_size(clamped(value, 0.2, 4.0, 1.2)))
+        on_page(self.factor, lambda value: a.factor(float(one_of(value, [str(f) for f in FACTORS], "1000"))))
         for name, box in self.layers.items():
-            box.on_update(lambda e, name=name: a.layer(name, bool(e.target.value)) if by_page(e) else None)  # type: ignore[misc]
+            on_page(box, lambda value, name=name: a.layer(name, bool(value)))  # type: ignore[misc]
         gui.add_command("Next pose", hotkey="N", icon=viser.Icon.ARROW_RIGHT).on_trigger(lambda _: a.step(1))
         gui.add_command("Previous pose", hotkey="P", icon=viser.Icon.ARROW_LEFT).on_trigger(lambda _: a.step(-1))
         for key, name in zip("1234567", VIEWS, strict=True):
@@ -162,7 +168,6 @@ class ReviewPanel:
 
     def set_poses(self, view: View) -> None:
         """List the poses of a dataset that was just opened, and the views that have something to show."""
-        self._names = Names.of(view.session.dataset)
         has_scans = view.session.dataset.scan_folder is not None
         self._folders["Scan layers"].visible = has_scans
         self.view.options = VIEWS if has_scans else tuple(AS_POINTS.get(name, name) for name in POINT_VIEWS)
@@ -178,56 +183,52 @@ class ReviewPanel:
             f"{i} · {names.role(str(r))}{' · left out' if i in out else ''}"
             for i, r in zip(poses.ids, poses.role, strict=True)
         )
-        if options != tuple(self.pose.options):
-            self.pose.options = options
+        relist(self.pose, options)
 
     def update(self, view: View) -> None:
         """Refresh everything that depends on the selected pose or on search results."""
         dataset = view.session.dataset
         poses = dataset.poses
         roles, setups = [str(r) for r in poses.role], len(set(poses.setup))
-        self._about.content = elements.facts(
-            [
-                # The list above has room for a short name only.
-                *([("dataset", dataset.name)] if len(dataset.name) > elements.LONG_NAME else []),
-                ("robot", dataset.robot.name),
-                ("poses", " · ".join(f"{roles.count(r)} {w}" for r, w in ROLES.items() if r in roles)),
-                *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
-                *([(f"placements of the {instrument(dataset)}", setups)] if setups > 1 else []),
-            ]
-        ) + "".join(
-            [
-                f'<span data-dataset="{elements.text(dataset.name)}"></span>',  # files of figures are called by it
-                '<span data-measured="points"></span>' if dataset.scan_folder is None else "",  # page.css hides tabs
-                *(elements.alert(linked(w, self._names), colour="#E69F00") for w in dataset.warnings),
-                *(elements.note(linked(n, self._names)) for n in dataset.notes),
-            ]
+        facts: list[tuple[str, object]] = [
+            # The list above has room for a short name only.
+            *([("dataset", dataset.name)] if len(dataset.name) > LONG_NAME else []),
+            ("robot", dataset.robot.name),
+            ("poses", " · ".join(f"{roles.count(r)} {w}" for r, w in ROLES.items() if r in roles)),
+            *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
+            *([(f"placements of the {instrument(dataset)}", setups)] if setups > 1 else []),
+        ]
+        warnings = [Verdict(words, DOUBT) for words in dataset.warnings]
+        notes = [Paragraph(words, soft=True) for words in dataset.notes]
+        self._about.content = (
+            panel([Facts(facts), *warnings, *notes])
+            + f'<span data-dataset="{escape(dataset.name)}"></span>'  # files of figures are called by it
+            + ('<span data-measured="points"></span>' if dataset.scan_folder is None else "")  # page.css hides tabs
         )
         self._changed.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view) + elements.joint_style(view.joint)
         self._shown_pose = view.pose_id
         self.leave_out.label = TAKE_IN if view.pose_id in view.session.uncounted else LEAVE_OUT
         self.leave_out.visible = True
-        self.timeline.update(view)
 
     def _pose_status(self, view: View) -> str:
         role = str(view.session.dataset.poses.role[view.pose])
         place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {names.role(role)}"
         out = view.pose_id in view.session.uncounted
         colour = LEFT_OUT if out else role_colour(role)
-        rows: list[tuple[str, object]] = [("pose", elements.named_swatch(colour, place))]
+        rows: list[tuple[str, object]] = [("pose", Coloured(place, colour))]
         if out:
             rows.append(("left out", "no fit and no figure takes it"))
         setup = str(view.session.dataset.poses.setup[view.pose])
         if setup:
             rows.append((f"placement of the {instrument(view.session.dataset)}", setup))
         if view.joint is not None:
-            rows.append(("joint", elements.joint_link(view.joint + 1, f"{view.joint + 1}, Esc lets it go")))
+            rows.append(("joint", joint(view.joint + 1, f"{view.joint + 1}, Esc lets it go")))
         found, search = corner_of(view, view.pose), view.search
         scanned = view.session.dataset.scan_folder is not None
-        what, alert = "corner" if scanned else "point", ""
+        what, failure = "corner" if scanned else "point", ""
         if search is not None and search.failure:
-            alert = elements.alert(f"No corner: {search.failure}")
+            failure = f"No corner: {search.failure}"
         elif found is None:
             rows.append((what, "waiting for the search" if scanned else "not measured"))
         elif search is None or search.corner is None:
@@ -235,8 +236,8 @@ class ReviewPanel:
         else:
             doubts = len(search.corner.quality.doubts())
             said = f"found, {numbers.count(doubts, 'doubt')}: see the tab Corner"
-            rows.append((what, elements.named_swatch(DOUBT, said) if doubts else "found"))
-        return elements.facts(rows) + alert
+            rows.append((what, Coloured(said, DOUBT) if doubts else "found"))
+        return panel([Facts(rows), Verdict(failure, FAILED)])
 
     def show_box(self, view: View) -> None:
         """Show which poses lie in the box drawn over the 3D view, and which effects would explain them."""
@@ -275,18 +276,17 @@ class ReviewPanel:
             self.progress_text.content = elements.note("Nothing to search: the points were measured (points.csv).")
             self.progress.visible = self.search.visible = False
             return
-        failures = f", {len(failed)} failed ({few(failed)})" if failed else ""
-        failures += f", {len(doubtful)} with doubts ({few(doubtful)})" if doubtful else ""
+        failures: list[Words] = [spans(f", {len(failed)} failed (", few(failed), ")")] if failed else []
+        failures += [spans(f", {len(doubtful)} with doubts (", few(doubtful), ")")] if doubtful else []
         if running:
-            text = f"Searching corners: {done} of {total} scans{failures}"
+            text = f"Searching corners: {done} of {total} scans"
         elif done < total:
-            text = f"Stopped: {done} of {total} scans searched{failures}"
+            text = f"Stopped: {done} of {total} scans searched"
         else:
             took = f" in {seconds:.0f} s" if seconds is not None else ""
-            reasons = f": {elements.text(why)}" if why else ""
-            text = f"{done - len(failed)} of {total} corners found{took}{failures}{reasons}"
+            text = f"{done - len(failed)} of {total} corners found{took}"
+        said = spans(text, *failures, f": {why}" if why and done == total and not running else "")
         colour = FAILED if failed else DOUBT if doubtful else ""
-        said = elements.Html(text)  # of numbers, links and escaped text
         self.progress_text.content = (
             elements.alert(said, colour=colour) if colour and not running else elements.note(said)
         )
@@ -311,12 +311,11 @@ class ReviewPanel:
 
     def show_problem(self, text: str) -> None:
         """Show the last error, which stays after its notification has disappeared."""
-        self._problem.content = elements.alert(linked(text, self._names)) if text else ""
+        self._problem.content = elements.alert(text)
 
 
-def few(names: Sequence[str], most: int = 3) -> str:
-    """First of many pose ids, shortened and linked: "p1, p2, p3 …", as HTML."""
-    limit = elements.LONG_NAME
-    short = [name if len(name) <= limit else f"{name[: limit - 1]}…" for name in names[:most]]
-    shown = [elements.pose_link(name, text) for name, text in zip(names, short, strict=False)]
-    return ", ".join(shown) + (" …" if len(names) > most else "")
+def few(names: Sequence[str], most: int = 3) -> Words:
+    """First of many pose ids, shortened, each a reference: "p1, p2, p3 …"."""
+    short = [name if len(name) <= LONG_NAME else f"{name[: LONG_NAME - 1]}…" for name in names[:most]]
+    shown = [pose(name, text) for name, text in zip(names, short, strict=False)]
+    return spans(joined(shown, ", "), " …" if len(names) > most else "")

@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import viser
 
 from calib.dataset.dataset import Dataset
-from calib.dataset_import.columns import Meaning
+from calib.dataset.input_names import quantity_of
+from calib.dataset_import.columns import Meaning, meaning_of
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
-from calib.dataset_import.user_files import UserFiles
+from calib.dataset_import.questions import Question
+from calib.dataset_import.user_files import UNUSED, UserFile, UserFiles
+from calib.present.fit.dataset import first_rows, preview
 from calib.rendering import numbers
-from inspector.markup.measure.your_data import (
-    CORRECT,
-    NOTED,
-    WIDE,
-    asked_html,
-    columns_html,
-    files_html,
-    meaning_words,
-    plan_html,
-    preview_html,
-)
+from calib.rendering.blocks import Paragraph, Section, Table, Verdict
+from calib.rendering.colours import DOUBT
+from calib.rendering.html import panel
 from inspector.markup.parts import elements
-from inspector.panels.base import SECONDARY, by_page, put
+from inspector.markup.parts.palette import FAILED
+from inspector.panels.base import SECONDARY, on_page, put
 
 OWN_DATA = "Open your own data …"
 OWN_HINT = "a zip, a robot's file and CSV tables of joints and points, or a session; or drop them anywhere on the page"
@@ -36,6 +33,9 @@ CANCEL = "Cancel"
 CHOOSE = "choose …"
 SAME = "in the table of joints"
 SIGMA, TOOL, MASS, EDGE = "Sigma, mm", "Tool, mm", "Tool, kg", "Jig's edge, mm"
+CORRECT = "Correct what a column is taken for"
+OTHER_WAY = "other way round"
+NOTED = "#56B4E9"
 FIELDS = {"--sigma": SIGMA, "--tool": TOOL, "--tool-mass": MASS, "--edge": EDGE, "--map": CORRECT}
 """Field of the window that answers a question, by the option of the command."""
 HINTS = {
@@ -50,6 +50,14 @@ HOW = (
     "datasets to, which it then lists, too:"
 )
 COMMANDS = "inspector serve PATH --data my_data\ninspector import my_data/my_cell --from my.zip"
+_MOST_FILES, _MOST_UNUSED, _MOST_LINES = 12, 6, 30  # named each
+_SHOWN_NOTES = ("is read so", "misses the points", "its table is", "the measured point is at")
+# As wide as the table needs; viser makes its windows 440 pixels wide.
+WIDE = (
+    "<style>.mantine-Modal-content:has(.inspector-import){flex:0 0 min(54rem,94vw)}"
+    ".mantine-Modal-inner:has(.inspector-import){padding-inline:2vw}</style>"
+    "<div class='inspector-import' tabindex='-1' data-autofocus style='outline:none'></div>"  # else a list opens itself
+)
 _OTHERS = ("pose", "role", "target", "setup", "payload_kg", "temperature_c", "time_s", "scan")
 
 
@@ -136,23 +144,22 @@ class YourDataWindow:
     def _connect(self) -> None:
         actions, client = self._actions, self._client
 
-        def choose(event: Any) -> None:
-            if by_page(event):
-                actions.choose(client)
+        def choose(_: object) -> None:
+            actions.choose(client)
 
         for widget in (
             self.skip, self.robot, self.tip, self.convention, self.model, self.joints, self.points,
         ):  # fmt: skip
-            widget.on_update(choose)
+            on_page(widget, choose)
         for field in self.told.values():
-            field.on_update(choose)
+            on_page(field, choose)
         self.open.on_click(lambda _: actions.finish(client))
         self.cancel.on_click(lambda _: actions.cancel(client))
 
     def show(self, offer: Offer) -> None:
         """Show what was recognised."""
         plan = offer.plan
-        self._files.content = WIDE + files_html(offer.files.files, offer.files.folder) + elements.note(NOTE)
+        self._files.content = WIDE + files_html(offer.files) + elements.note(NOTE)
         for widget in (self.robot, self._columns, self._folder):
             widget.visible = plan is not None
         _offer(self.robot, offer.robots, offer.robot)
@@ -163,8 +170,12 @@ class YourDataWindow:
         _offer(self.joints, tables or ("–",), offer.joints)
         _offer(self.points, (SAME, *tables), offer.points)
         self.joints.visible = self.points.visible = plan is not None and _is_open(offer)
-        asked = {FIELDS[re.split("[ =]", one.option)[0]]: one for one in (() if plan is None else plan.asked)}
-        self._asked.content = asked_html(asked)
+        asked: Mapping[str, Question] = {
+            FIELDS[re.split("[ =]", one.option)[0]]: one for one in (() if plan is None else plan.asked)
+        }
+        rows = [(field, one.what, one.guess) for field, one in asked.items()]
+        table = Table(("Field", "asks for", "taken if empty"), rows, left=(0, 1, 2))
+        self._asked.content = panel([Section("What no file tells", [table])])
         edge_mm = None if plan is None or plan.content is None else plan.content.edge_mm
         if EDGE in asked and edge_mm is not None:
             put(self.told[EDGE], f"{edge_mm:g}")
@@ -172,13 +183,14 @@ class YourDataWindow:
         for label, field in self.told.items():
             field.visible = label in (*asked, *usual) or bool(str(field.value).strip())
         outcome = offer.ready if plan is None else plan.preview
-        self._preview.content = "" if outcome is None else preview_html(outcome)
-        told = elements.alert(offer.session, colour=NOTED) if offer.session else ""
+        comes_out = [] if outcome is None else [Section(f"What comes out: {preview(outcome)}", [first_rows(outcome)])]
+        self._preview.content = panel(comes_out)
+        told = Verdict(offer.session, NOTED)
         if plan is None:
-            self._said.content = "".join(map(elements.alert, offer.faults)) + told
+            self._said.content = panel([*(Verdict(fault, FAILED) for fault in offer.faults), told])
         else:
-            self._columns.content = columns_html(plan.columns)
-            self._said.content = plan_html(plan) + told
+            self._columns.content = panel([columns_table(plan.columns)])
+            self._said.content = panel([*plan_blocks(plan), told])
             self._correct(plan)
         self._offer_to_skip(plan)
         if self.name.value != offer.name:
@@ -208,16 +220,9 @@ class YourDataWindow:
                     self._choices[label] = self._gui.add_dropdown(
                         column.name, options, initial_value=value, hint=f"{column.table.name}: {column.name}"
                     )
-                    self._choices[label].on_update(self._chosen(column.name))
+                    on_page(self._choices[label], partial(self._actions.column, self._client, column.name))
                 _offer(self._choices[label], options, value)
         self._folder.visible = bool(labels)
-
-    def _chosen(self, column: str) -> Callable[[viser.GuiEvent[viser.GuiDropdownHandle[str]]], None]:
-        def ask(event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
-            if by_page(event):
-                self._actions.column(self._client, column, str(event.target.value))
-
-        return ask
 
     def say(self, words: str) -> None:
         """Show a message on an error or on the current task; the user may try again."""
@@ -243,7 +248,7 @@ def explain(gui: viser.GuiApi) -> None:
     """Open a window that explains how to start a server that accepts data."""
     modal = gui.add_modal("Your own data")
     with modal:
-        gui.add_html(elements.note(HOW) + elements.code(COMMANDS))
+        gui.add_html(elements.note(HOW) + f"<pre>{COMMANDS}</pre>")
         close = gui.add_button("Close", color=SECONDARY)
     close.on_click(lambda _: modal.close())
 
@@ -266,3 +271,99 @@ def _offer(widget: viser.GuiDropdownHandle[str], options: Sequence[str], value: 
         widget.options = tuple(options)
     if widget.value != value and value in options:
         put(widget, value)
+
+
+# ---- what is shown --------------------------------------------------------------------------------------------------
+
+
+def files_html(found: UserFiles) -> str:
+    """HTML on the kind recognised for each file; unusable files last, in one line."""
+    used = [file for file in found.files if file.kind not in (UNUSED, "scan")]
+    scans = [file for file in found.files if file.kind == "scan"]
+    unused = [f"{_name(file, found.folder)} ({file.why})" for file in found.files if file.kind == UNUSED]
+    rows = [(_name(file, found.folder), file.kind, file.why) for file in used[:_MOST_FILES]]
+    if len(used) > _MOST_FILES:
+        rows.append((f"{len(used) - _MOST_FILES} more", "", ""))
+    if scans:
+        rows.append((f"{len(scans)} files as {_name(scans[0], found.folder)}", "scans", "a point cloud a pose"))
+    not_used = f"Not used: {numbers.in_short(unused, _MOST_UNUSED)}." if unused else ""
+    return panel([Table(("File", "is", "seen by"), rows, left=(0, 1, 2)), Paragraph(not_used, soft=True)])
+
+
+def _name(file: UserFile, folder: Path) -> str:
+    return str(file.path.relative_to(folder)) if file.path.is_relative_to(folder) else file.path.name
+
+
+def meaning_words(meaning: Meaning | None) -> str:
+    """Phrase for a meaning, such as "joint 3, deg, other way round"."""
+    if meaning is None or meaning.name == "ignore":
+        return "–"
+    if quantity_of(meaning.name) != "q":
+        return f"{meaning.name}, {meaning.unit}" if meaning.unit else meaning.name
+    words = [f"joint {meaning.name[1:]}"]
+    words += [meaning.unit] if meaning.unit else []
+    words += [OTHER_WAY] if meaning.sign < 0 else []
+    words += [f"{meaning.offset:+g}"] if meaning.offset else []
+    words += [f"{'less' if sign < 0 else 'and'} joint {name[1:]}" for name, sign in meaning.others]
+    return ", ".join(words)
+
+
+def columns_table(columns: Sequence[PlannedColumn]) -> Table:
+    """Table of the columns: first value, meaning, and reason."""
+    several = len({column.table for column in columns}) > 1
+    rows = [
+        (
+            *([column.table.name] if several else []),
+            column.name,
+            column.examples[0][:24] if column.examples else "",
+            meaning_words(column.meaning),
+            column.why or "kept as it is",
+        )
+        for column in columns
+    ]
+    headers = (*(["Table"] if several else []), "Column", "First value", "Taken for", "Why")
+    return Table(headers, rows, left=range(len(headers)), height="13.5rem")
+
+
+def plan_blocks(plan: ImportPlan) -> list[Paragraph | Verdict]:
+    """Blocks on the plan beyond the columns: faults first, then doubts, then notes."""
+    many = len(plan.faults)
+    count = "" if not many else "This keeps it" if many == 1 else f"These {many} faults keep it"
+    left_out = () if plan.content is None else plan.content.notes
+    told = [line for line in plan.notes if any(words in line for words in _SHOWN_NOTES)]
+    return [
+        Paragraph(f"{count} from being imported" if count else "", heading=True),
+        *(Verdict(_here(line), FAILED) for line in plan.faults[:_MOST_LINES]),
+        Paragraph(f"... and {many - _MOST_LINES} more." if many > _MOST_LINES else "", soft=True),
+        *(Verdict(_here(line), DOUBT) for line in plan.doubts[:_MOST_LINES]),
+        *(Verdict(line, DOUBT) for line in left_out),
+        *(Verdict(_here(line), NOTED) for line in told),
+    ]
+
+
+def _here(line: str) -> str:
+    """Line on options of the command, reworded for the page, which has lists and fields instead of options."""
+    for said, instead in _ON_PAGE:
+        line = re.sub(said, instead, line)
+    return line
+
+
+def _choice(told: re.Match[str]) -> str:
+    """A column's meaning as it is chosen on the page, from an option of the command."""
+    meaning = meaning_of(told["meaning"])
+    words = told["meaning"] if meaning is None or "*" in told["meaning"] else meaning_words(meaning)
+    return f"“{words}” for {told['column']} below"
+
+
+_ON_PAGE: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
+    ("--map says it otherwise|tell with --map$", f"to change it, open “{CORRECT}”"),
+    ("' --map", "', --map"),
+    ("(?:tell it|tell|say so) (?:with|by) (?=--map)", "choose "),
+    (r"--map '?(?P<column>[^'=]+)=(?P<meaning>[^'\s;,)]+)'?", _choice),
+    ("--map", f"“{CORRECT}”"),
+    (r"--points FILE(\.csv)?", "a table of points, dropped here"),
+    ("--scans FOLDER", "scans, dropped here"),
+    ("give --convention", "choose it under “Table is”"),
+    ("(--images or --marker-poses)", r"the command “import” with \1"),
+)
+"""Words on the command's options, and those of the page."""

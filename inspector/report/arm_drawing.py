@@ -5,6 +5,8 @@ It is seen from the side along which arm and points spread the less of the base'
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calib import frames
@@ -52,14 +54,18 @@ def arm_drawing(before: Version, after: Version, words: tuple[str, str], pose: i
                 more=shared,
             ),
         ]  # fmt: skip
-    title, equal = f"{'xy'[across]} of the base, mm", {"scaleanchor": "x", "title": "z, mm"}
-    drawn = figure(
-        traces,
-        xaxis={"title": title, "domain": [0.0, 0.46]},
-        yaxis=equal,
-        layout={"xaxis2": {"title": title, "domain": [0.54, 1.0]}, "yaxis2": equal},
-    )
+    x = {"title": f"{'xy'[across]} of the base, mm", "range": _range(traces, "x")}
+    y = {"title": "z, mm", "range": _range(traces, "y"), "constrain": "domain"}
+    layout = {"xaxis2": {**x, "domain": [0.54, 1.0]}, "yaxis2": y}
+    drawn = figure(traces, xaxis={**x, "domain": [0.0, 0.46]}, yaxis=y, layout=layout)
     return svg_of(drawn, *_SIZE_PX, name="arm", title=f"The arm with the measured points and the errors: {words}")
+
+
+def _range(traces: Sequence[Part], axis: str) -> list[float]:
+    """Range of all values on an axis, with some room on both sides."""
+    values = np.array([value for trace in traces for value in trace[axis] if value is not None])
+    room = 0.05 * float(np.ptp(values))
+    return [float(values.min()) - room, float(values.max()) + room]
 
 
 def stride(points: int) -> int:

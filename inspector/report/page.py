@@ -19,14 +19,11 @@ MARK = '<meta name="generator" content="robot-calibration-inspector">'
 """Tells a report from any other file; among the first characters of the page."""
 
 
-def render(told: Presentation, origin: str = "") -> str:
-    """HTML page of a presentation with its figures: the head (the first page when printed), then the sections.
-
-    origin: JSON of what it was made of, which `inspector verify` reads.
-    """
+def render(told: Presentation) -> str:
+    """HTML page of a presentation with its figures: the head (the first page when printed), then the sections."""
     names = (f"figure{number}" for number in count(1))
     shown = drawn(told, draw, names)
-    return _templates().get_template("page.html").render(mark=MARK, origin=origin, title=told.title, **shown)
+    return _templates().get_template("page.html").render(mark=MARK, title=told.title, **shown)
 
 
 @cache

@@ -1,17 +1,23 @@
 """Report on a calibration: measurements, findings, their certainty, the method and program versions.
 
-`content.report_of` gathers the results, `calib.present` makes blocks of them, `page` renders these by the templates.
+`calib.present` makes blocks of the results of a session, `page` renders these by the templates.
 """
 
 from __future__ import annotations
 
 import platform
-from dataclasses import asdict, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
 from calib.calibration.noise_level import check_sigma
+from calib.calibration.pose_errors import pose_errors_of
+from calib.calibration.result import Calibration
+from calib.dataset.files.origin import Origin
+from calib.diagnosis.effect_selection import FitStep
+from calib.models.exported_table import exported_table
 from calib.present.cause.candidates import FULL_RANKING, estimated_values, held_out_sentence, ranking, untestable_blocks
 from calib.present.cause.diagnosis import (
     BY_POSE,
@@ -25,18 +31,20 @@ from calib.present.cause.diagnosis import (
     verdict_block,
 )
 from calib.present.cause.interventions import intervention_sections
+from calib.present.effects import model_name
 from calib.present.fit.calibration import camera_sections, parameters
 from calib.present.fit.dataset import measured_blocks
 from calib.present.fit.errors import error_tables, history_caption, last_change, pose_errors, sigma_sentence, step_table
 from calib.present.fit.learned import learned_section
 from calib.present.fit.redundancy import redundancy_section
-from calib.present.fit.residuals import residual_blocks
+from calib.present.fit.residuals import ModelResidual, residual_blocks, residuals_of
 from calib.present.origins import origin_blocks
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section
-from calib.strict_json import to_json
-from inspector.report.content import Report
+from calib.screening.residual_tests import run_residual_tests
 from inspector.report.first_page import first_page
 from inspector.report.page import MARK, render
+from inspector.session.measuring import with_redundancy
+from inspector.session.session import Session
 
 METHOD = (
     "Frame i of the arm is Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i); a tool row of the same form "
@@ -66,28 +74,32 @@ def is_report(path: Path) -> bool:
     return not start or MARK.encode() in start
 
 
-def report_html(report: Report, *, now: datetime) -> str:
-    """HTML of a report; `now`: its date."""
+def report_html(session: Session, *, now: datetime) -> str:
+    """HTML of the report on a session that is calibrated and whose candidates are ranked; `now`: its date."""
+    calibration, diagnosis = session.calibration, session.diagnosis
+    assert calibration is not None
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
+    table = exported_table(calibration, session.links_alone)
+    analysis = session.redundancy or with_redundancy(session, calibration.residual).redundancy
+    assert analysis is not None
+    origin = origin_blocks(Origin.of(session.dataset))
     sections = [
-        Section(HOW, _reasons(report)),
-        *([] if report.diagnosis is None else intervention_sections(report.diagnosis)),
-        Section(HISTORY, _history(report)),
-        *camera_sections(report.calibration),
-        Section(DATASET, measured_blocks(report.calibration, report.session.searches)),
-        Section(MISSING, _ranking(report)),
-        Section(RESIDUAL, residual_blocks(report.residuals)),
-        *learned_section(report.calibration),
-        Section(BY_POSE, [pose_errors(report.calibration)]),
-        redundancy_section(report.redundancy),
-        Section(PARAMETERS, parameters(report.calibration, report.table)),
+        Section(HOW, _reasons(session, calibration)),
+        *([] if diagnosis is None else intervention_sections(diagnosis)),
+        Section(HISTORY, _history(session.steps)),
+        *camera_sections(calibration),
+        Section(DATASET, measured_blocks(calibration, session.searches)),
+        Section(MISSING, _ranking(session, calibration)),
+        Section(RESIDUAL, residual_blocks(_residuals(session, calibration))),
+        *learned_section(calibration),
+        Section(BY_POSE, [pose_errors(calibration)]),
+        redundancy_section(analysis),
+        Section(PARAMETERS, parameters(calibration, table)),
         Section("Method", (Bullets(METHOD), Bullets(REFERENCES))),
-        Section("Made with", [Facts(versions()), *origin_blocks(report.origin), Paragraph(f"Made {made}.", soft=True)]),
+        Section("Made with", [Facts(versions()), *origin, Paragraph(f"Made {made}.", soft=True)]),
     ]
-    return render(
-        Presentation(f"Calibration report: {report.dataset.name}", first_page(report, made), sections),
-        to_json(asdict(report.origin)),
-    )
+    first = first_page(session, calibration, table, made)
+    return render(Presentation(f"Calibration report: {calibration.dataset.name}", first, sections))
 
 
 def versions() -> list[tuple[str, str]]:
@@ -101,32 +113,45 @@ def versions() -> list[tuple[str, str]]:
     return out
 
 
-def _reasons(report: Report) -> list[Block]:
-    if report.diagnosis is not None:
-        return [verdict_block(report.diagnosis), *reasons(report.diagnosis, report.session.next_poses)]
-    change = last_change(report.session.history)
-    return [*([] if change is None else [change]), Paragraph(sigma_sentence(check_sigma(report.calibration)))]
+def _reasons(session: Session, calibration: Calibration) -> list[Block]:
+    if session.diagnosis is not None:
+        return [verdict_block(session.diagnosis), *reasons(session.diagnosis, session.next_poses)]
+    change = last_change(session.history)
+    return [*([] if change is None else [change]), Paragraph(sigma_sentence(check_sigma(calibration)))]
 
 
-def _history(report: Report) -> list[Block]:
-    steps, caption = report.session.steps, history_caption(report.calibration)
-    figure = FigurePlace("error_history", (steps,), caption)
-    return [figure, step_table(steps, as_delivered=True), *error_tables(report.calibration)]
+def _history(steps: Sequence[FitStep]) -> list[Block]:
+    last = steps[-1].calibration
+    figure = FigurePlace("error_history", (steps,), history_caption(last))
+    return [figure, step_table(steps, as_delivered=True), *error_tables(last)]
 
 
-def _ranking(report: Report) -> list[Block]:
+def _residuals(session: Session, calibration: Calibration) -> list[ModelResidual]:
+    """Residuals after the link errors alone, where an effect was found, and after the last fit."""
+    if session.diagnosis is not None:
+        return residuals_of(session.diagnosis)
+    assert session.screening is not None
+    tests = session.residual_tests or run_residual_tests(calibration.dataset, session.screening.projected)
+    return [ModelResidual(calibration, session.pose_errors or pose_errors_of(calibration), tests)]
+
+
+def _ranking(session: Session, calibration: Calibration) -> list[Block]:
     """Blocks on the evidence of every candidate, the values of the best, and effects that cannot be tested."""
-    tested = f"Each effect tested on the residual of the model of {report.ranking_of}."
-    best = next((c for c in report.ranking.candidates if c.values), None)
+    found, ranked, likely = session.screening, calibration, None
+    assert found is not None
+    untestable = found.untestable
+    if (diagnosis := session.diagnosis) is not None:
+        found, ranked, likely = diagnosis.screenings[0], diagnosis.steps[0].calibration, diagnosis.told_probabilities
+        untestable = diagnosis.untestable
+    best = next((c for c in found.candidates if c.values), None)
     values: list[Block] = []
     if best is not None:
         caption = f"{best.name}: its coefficients as that ranking estimates them"
-        values = [replace(estimated_values(best, report.calibration), caption=caption)]
-    untestable = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
-    likely = None if report.diagnosis is None else report.diagnosis.told_probabilities
+        values = [replace(estimated_values(best, calibration), caption=caption)]
+    tested = f"Each effect tested on the residual of the model of {model_name(ranked)}."
     return [
-        Paragraph(f"{tested} {held_out_sentence(report.ranking)}"),
-        ranking(report.ranking, FULL_RANKING, mark=report.calibration.model.family_names, likely=likely),
+        Paragraph(f"{tested} {held_out_sentence(found)}"),
+        ranking(found, FULL_RANKING, mark=calibration.model.family_names, likely=likely),
         *values,
         *untestable_blocks(untestable),
     ]

@@ -14,7 +14,7 @@ from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.scans.scan import Scan
 from calib.workcell.bodies.link_mesh import load_link_mesh
-from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
+from inspector.markup.legend import distance_limit_mm, error_limit_mm
 from inspector.markup.parts import colour_scale
 from inspector.markup.parts.palette import ARM, FACE_COLOURS, HIGHLIGHT, LEFT_OUT, MODEL_COLOURS, rgb, role_colour
 from inspector.scene import model_nodes

@@ -13,9 +13,7 @@ from calib.rendering import numbers
 from calib.scans.scan import Scan
 from calib.targets.search import ScanSearch
 from calib.workcell.scan_field import ScanField, declared_field, evident_field
-from inspector.markup.measure.corner import ellipsoid_words
-from inspector.markup.measure.planes import group_colours
-from inspector.markup.parts.palette import FILTER_COLOURS, HIGHLIGHT, REJECTED, rgb
+from inspector.markup.parts.palette import FACE_COLOURS, FILTER_COLOURS, GROUP_COLOURS, HIGHLIGHT, REJECTED, rgb
 from inspector.scene.draw_model import pose_colour, pose_colours
 from inspector.scene.scene_view import Nodes, Pen, SceneView, to_scene
 from inspector.scene.shapes import (
@@ -67,7 +65,7 @@ def draw_corner(scene: SceneView, view: View) -> None:
     places = search.places if isinstance(search, ScanSearch) else ()  # of other targets
     text = view.pose_id
     if covariance is not None:
-        text += f": σ {numbers.length(float(np.sqrt(np.trace(covariance))))}, {ellipsoid_words(view.factor)}"
+        text += f": σ {numbers.length(float(np.sqrt(np.trace(covariance))))}, ellipsoid: 1σ × {view.factor:g}"
 
     def make(pen: Pen) -> Nodes:
         nodes: list[viser.SceneNodeHandle] = []
@@ -137,6 +135,18 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
     scene.draw("sets", lambda pen: _sets(pen, search, group_colour))
     scene.draw("rejected", lambda pen: _rejected(pen, search))
     scene.draw("groups", lambda pen: _groups(pen, search, group_colour))
+
+
+def group_colours(search: CornerSearch, grey: bool) -> list[str]:
+    """Colours of the plane groups: a face's colour where the group is a face, else its own colour or grey."""
+    colours = [
+        REJECTED if grey and i not in search.chosen else GROUP_COLOURS[i % len(GROUP_COLOURS)]
+        for i in range(len(search.groups))
+    ]
+    for number, face in enumerate(search.corner.faces if search.corner else ()):
+        if face.group >= 0:
+            colours[face.group] = FACE_COLOURS[number]
+    return colours
 
 
 def _sets(pen: Pen, search: CornerSearch, group_colour: Sequence[str]) -> Nodes:

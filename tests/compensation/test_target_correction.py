@@ -327,8 +327,8 @@ def test_the_command(cell: Path, tmp_path: Path) -> None:
     out = tmp_path / "corrected.csv"
     document = answered("correct", cell, "--joints", joints, "--out", out)
     assert document["what"] == "position"  # a point tells no attitude
-    assert "no attitude is claimed" in document["attitude"]
-    assert document["unreached"] == document["not_reached"] == []
+    assert "no attitude is claimed" in document["notes"][0]
+    assert document["not_reached"] == []
     assert document["reached"] == 2
     assert 0.0 < document["largest_move_deg"] < 3.0
     assert document["outside"] == []

@@ -22,7 +22,7 @@ from calib.models.model_file import load_model, save_model
 from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
 from calib.simulation.simulate import simulate_dataset
-from inspector.markup.model.fit import fit_html
+from inspector.panels.model.fit import fit_html
 
 
 def simulated(robot: Robot, seed: int = 7, **more: object) -> Dataset:

@@ -48,7 +48,6 @@ def program_correction_document(result: ProgramCorrection) -> dict[str, Any]:
     document = correction_document(result.correction, result.ids)
     unknown = [move for move in result.targets if move.row is None]
     document["not_reached"] += [{"pose": move.target.name, "why": move.reason} for move in unknown]
-    document["unreached"] += [{"pose": move.target.name, "reason": move.reason} for move in unknown]
     return document | {
         "program": {
             "language": result.program.language,

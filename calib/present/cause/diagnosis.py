@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ from calib.present.fit.learned import (
 from calib.present.fit.redundancy import redundancy_section
 from calib.present.fit.residuals import residual_blocks, residuals_of
 from calib.present.names import input_name
-from calib.present.results import document, headline, keys_of, presentation, statement, to_dict
+from calib.present.results import document, headline, keys_of, own_fields, presentation, statement, to_dict
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -487,7 +487,6 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         ),
         "open_sets": diagnosis.confounded_sets,
         "refused": refused and refused.effect,
-        "refused_why": refused and refused.why,
         "promise": held_out and {**document(held_out), "kept": not held_out.is_broken},
         **budget_document(diagnosis.budget),
         **proven_document(diagnosis),
@@ -495,7 +494,6 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "candidates": [to_dict(c) | {"probability": likely and likely.of(c.name)} for c in diagnosis.candidates],
         "untestable": [{"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable],
         "leftover": diagnosis.residual_tests,
-        "simpler": None,  # was a dent or a slip, which are effects now
         "measure_next": () if poses is None else poses.poses,
         "prove_next": None if poses is None else poses.change,
         "explanation": explanation(diagnosis, poses),
@@ -545,5 +543,4 @@ def _learned_document(learned: LearnedModel) -> dict[str, Any]:
 
 @document.register
 def _fault_document(found: JointFault) -> dict[str, Any]:
-    once = {"place_rad": None, "width_rad": None, "pose_id": ""}  # of a dent or a slip, which are effects now
-    return {**asdict(found), **once, "joint": found.joint + 1, "words": plain(fault(found))}
+    return {**own_fields(found), "joint": found.joint + 1, "words": plain(fault(found))}

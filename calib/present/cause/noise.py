@@ -11,7 +11,6 @@ from calib.diagnosis.verdict import Findings
 from calib.noise_shape import IDENTITY, NoiseShape
 from calib.present.effects import title
 from calib.rendering import numbers
-from calib.screening.noise_search import EstimatedNoise
 
 _ALIGNED = 0.98  # cosine from which a direction is called an axis of the scanner's frame
 
@@ -71,7 +70,7 @@ def noise_sentences(findings: Findings) -> str:
 
 def noise_document(findings: Findings) -> dict[str, Any] | None:
     """JSON keys on a noise shape other than the declared one; properties without evidence are None."""
-    shown: EstimatedNoise | None = findings.noise
+    shown = findings.noise
     if shown is None:
         return None
     sigma_mm, shape, drift = noise_sigma_mm(findings), shown.shape, shown.shape.wander
@@ -80,10 +79,6 @@ def noise_document(findings: Findings) -> dict[str, Any] | None:
         "axes_mm": axes_mm(shape, sigma_mm),
         "growth_per_m": shape.growth_per_m or None,
         "correlation_s": drift.time if drift and not drift.in_poses else None,
-        "correlation_poses": drift.time if drift and drift.in_poses else None,
-        "wander_share": drift and drift.share,
-        "tail": shape.tail,
-        "rival": shown.rival or None,
         "from": "repeats" if shown.from_repeats else "fit",
         "words": noise_sentences(findings),
     }

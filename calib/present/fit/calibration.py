@@ -109,7 +109,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
         ("model", model_name(calibration)),
         ("residual", f"{calibration.residual}, {numbers.count(fit.rows, 'equation')}"),
         ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be known (rank)"),
-        ("fit", f"{'converged' if fit.converged else 'not converged'} after {_iterations(calibration)}: {fit.reason}"),
+        ("fit", f"{_ended(calibration)}: {fit.reason}"),
     ]
     if calibration.links_fixed_to_table:
         facts.append(("links", "held as robot.toml has them; these points do not contradict it"))
@@ -183,18 +183,18 @@ def _sigma_document(covariance: Array) -> dict[str, Any]:
     return {"sigma_mm": sigmas[:3], "turn_sigma_deg": np.degrees(sigmas[3:])}
 
 
-def _iterations(calibration: Calibration) -> str:
-    return numbers.count(len(calibration.fit.iterations) - 1, "iteration")
+def _ended(calibration: Calibration) -> str:
+    steps = numbers.count(len(calibration.fit.iterations) - 1, "iteration")
+    return f"{'converged' if calibration.fit.converged else 'not converged'} after {steps}"
 
 
 def fit_sentence(calibration: Calibration) -> str:
     """Sentence on convergence, size and rank of the fit, and on the residual over the declared sigma."""
     fit = calibration.fit
-    state = "converged" if fit.converged else "not converged"
     declared = calibration.dataset.declares_noise
     residual = f", residual {numbers.times(fit.reduced_chi)} the points' sigma" if declared else ""
     return (
-        f"{state} after {_iterations(calibration)} ({fit.reason}); {numbers.count(fit.rows, 'equation')}, "
+        f"{_ended(calibration)} ({fit.reason}); {numbers.count(fit.rows, 'equation')}, "
         f"{numbers.count(len(fit.x), 'parameter')}, rank {fit.rank}{residual}"
     )
 
@@ -204,23 +204,13 @@ def fit_sentence(calibration: Calibration) -> str:
 
 def _open_directions(shifts: Array) -> str:
     """Sentence on the directions (K, 3) along which the poses leave scanner and targets undetermined; "" for none."""
-    if len(shifts) == 0:
+    if not len(shifts):
         return ""
-    if len(shifts) >= 3:
-        return (
-            "the flange hardly turns, so the targets' positions in the world and the scanner's on the flange are "
-            "known only together; poses that turn the flange about two axes separate them"
-        )
-    if len(shifts) == 1:
-        along = shifts[0] * np.sign(shifts[0][np.argmax(np.abs(shifts[0]))])
-        x, y, z = np.round(along, 2) + 0.0  # no -0.00
-        return (
-            f"the flange turns about little but one direction ({x:.2f}, {y:.2f}, {z:.2f} in the base frame), so "
-            "the positions of targets and scanner along it are known only together; tilt the flange to part them"
-        )
+    along = " and ".join(f"({', '.join(f'{v + 0.0:.2f}' for v in np.round(shift, 2))})" for shift in shifts)
+    where = f"along {along} of the base frame" if len(shifts) < 3 else "in all directions"
     return (
-        "the poses leave two directions open, along which the positions of targets and scanner are known only "
-        "together; turn the flange about two axes to separate them"
+        f"{where} the positions of targets and scanner are known only together; poses that turn the flange about two "
+        "axes separate them"
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, FaceLabelling
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import counted_reasons, failed_searches, label_faces
-from calib.present.results import document, keys_of, presentation
+from calib.present.results import document, keys_of, own_fields, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -31,6 +31,7 @@ from calib.rendering.blocks import (
     Span,
     Table,
     Verdict,
+    Words,
     pose,
 )
 from calib.rendering.colours import BAD, DOUBT
@@ -60,11 +61,8 @@ _LABELLED_BY = {
 
 @presentation.register
 def _batch(batch: CornerBatch) -> Presentation:
-    named = assign_targets(batch.dataset, batch)
-    head = [*batch_head(batch.dataset, batch, named), *_of_jig(batch), *failures(batch, named)]
-    tables = {"corner": corner_table(batch), "target": target_table(named)}
-    sections = [Section(f"Each {what}, in the scanner's frame", [table]) for what, table in tables.items()]
-    return Presentation(f"Corners of {batch.dataset.name}", head, sections)
+    blocks = batch_blocks(batch, assign_targets(batch.dataset, batch), None)
+    return Presentation(f"Corners of {batch.dataset.name}", blocks)
 
 
 def batch_blocks(searches: CornerBatch, named: Assignment, labels: FaceLabels | None) -> list[Block]:
@@ -75,15 +73,11 @@ def batch_blocks(searches: CornerBatch, named: Assignment, labels: FaceLabels | 
         target_table(named),
         *failures(searches, named),
         Paragraph(f"No corner: {counted_reasons(failed)}." if len(failed) > 1 else ""),
-        *batch_head(searches.dataset, searches, named),
-        *_of_jig(searches),
+        batch_head(searches.dataset, searches, named),
+        Paragraph(_bows_sentence(searches.face_bows)),
+        Paragraph(_angles_sentence(searches.jig_angles)),
         Paragraph("" if labels is None else f"{numbers.capitalised(face_labelling(labels.labelling))}."),
     ]
-
-
-def _of_jig(batch: CornerBatch) -> list[Block]:
-    """Paragraphs on what all scans tell of the jig: the bows of its faces, and the angles between them."""
-    return [Paragraph(_bows_sentence(batch.face_bows)), Paragraph(_angles_sentence(batch.jig_angles))]
 
 
 def _bows_sentence(bows: FaceBows | None) -> str:
@@ -138,8 +132,8 @@ def face_labelling(found: FaceLabelling) -> str:
     return words
 
 
-def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment) -> list[Block]:
-    """Blocks with the number of corners found (or of each target), and their median sigma."""
+def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment) -> KeyFigures:
+    """Block with the number of corners found (or of each target), and their median sigma."""
     corners = [search.corner for search in searches.values() if search.corner is not None]
     pairs: list[tuple[str, object]] = []
     if named.points or named.refused:
@@ -153,7 +147,7 @@ def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: As
     if sigmas_mm:
         pairs.append(("median sigma, 3D", numbers.length(float(np.median(sigmas_mm)))))
     seconds = sum(search.seconds for search in searches.values())
-    return [KeyFigures([*pairs, ("search", f"{seconds:.1f} s in all")])]
+    return KeyFigures([*pairs, ("search", f"{seconds:.1f} s in all")])
 
 
 def failures(searches: Mapping[str, CornerSearch], named: Assignment) -> list[Block]:
@@ -240,19 +234,34 @@ def _search(search: CornerSearch) -> Presentation:
 
 @presentation.register
 def _scan_search(search: ScanSearch) -> Presentation:
-    found = [f"{', '.join(one.names)}: {one.failure}" for one in search.found if one.failure]
-    rows = [
-        (
-            place.name or ", ".join(one.names),
-            *map(numbers.coordinate, place.xyz_mm),
-            numbers.column_mm(place.sigma_mm()),
-            f"{place.points:,}",
-        )
-        for one in search.found
-        for place in one.places
-    ]
-    table = Table(("target", "x, mm", "y, mm", "z, mm", "sigma, mm", "points"), rows)
-    return Presentation(search.scan, [Paragraph(f"{search.scan}:"), table, *(Verdict(w, BAD) for w in found)])
+    return Presentation(search.scan, [Paragraph(f"{search.scan}:"), *scan_blocks(search)])
+
+
+def scan_blocks(
+    search: ScanSearch, names: Mapping[tuple[float, ...], str] = MappingProxyType({}), colours: Sequence[str] = ()
+) -> list[Block]:
+    """Blocks on all targets of a scan: places and sizes, findings, or reasons why they were not found.
+
+    Args:
+        names: of targets by their place, where equal ones are identified from all poses together.
+        colours: of the targets' points where they are drawn, one after the other.
+    """
+    rows: list[tuple[Words, ...]] = []
+    sizes: list[str] = []
+    alerts: list[Block] = []
+    for one in search.found:
+        wanted = ", ".join(one.names)
+        alerts += [Verdict(f"{wanted}: {one.failure}", BAD)] if one.failure else []
+        for place in one.places:
+            name = names.get(tuple(place.xyz_mm), place.name or wanted)
+            at = " ".join(map(numbers.coordinate, place.xyz_mm))
+            sigma, rms = map(numbers.column_mm, (place.sigma_mm(), place.rms_mm))
+            shown = Coloured(name, colours[len(rows) % len(colours)]) if colours else name
+            rows.append((shown, at, sigma, f"{place.points:,}", rms))
+            sizes += [] if place.radius_mm is None else [f"{name} ø {2 * place.radius_mm:.3f} mm"]
+            alerts += [Verdict(f"{name}: {doubt}", DOUBT) for doubt in place.doubts]
+    table = Table(("target", "x y z, mm", "sigma 3D, mm", "points", "rms, mm"), rows)
+    return [table, Paragraph("; ".join(sizes), soft=True), *alerts]
 
 
 def search_blocks(search: CornerSearch, colours: Sequence[str] = ()) -> list[Block]:
@@ -322,10 +331,7 @@ def _origins(quality: CornerQuality) -> list[tuple[str, object]]:
 
 @document.register
 def _quality_document(quality: CornerQuality) -> dict[str, Any]:
-    figures = asdict(quality)
-    figures.pop("notes")
-    figures["smooth_told_mm"] = figures.pop("smooth_declared_mm")
-    return {**figures, "rigid": quality.rigid, "doubts": quality.doubts()}
+    return {**own_fields(quality), "rigid": quality.rigid, "doubts": quality.doubts()}
 
 
 @document.register
@@ -393,8 +399,6 @@ def _corner_document(pose_id: str, search: CornerSearch, corner: Corner) -> dict
         "planes": [keys_of(face, "normal", "offset_mm", "points", "rms_mm") for face in corner.faces],
         "seconds": search.seconds,
         **_count(search),
-        "sample_sets": search.filter_counts(),
-        "plane_groups": len(search.groups),
     }
 
 

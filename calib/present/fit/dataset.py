@@ -12,6 +12,8 @@ from calib.calibration.noise_level import noise_level
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import ROLES, Dataset, Points
+from calib.dataset.files.points_csv import points_frame
+from calib.dataset.files.poses_csv import joint_columns, poses_frame
 from calib.measurement.measured_points import failed_searches
 from calib.present import names
 from calib.present.fit.calibration import calibration_warnings
@@ -19,7 +21,7 @@ from calib.present.fit.corners import scan_sentences
 from calib.present.names import instrument
 from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
-from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section, Table
+from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Paragraph, Presentation, Section, Table
 
 _MOST_NAMED = 8  # poses in a sentence
 NOT_SEARCHED: Mapping[str, CornerSearch] = MappingProxyType({})
@@ -27,18 +29,14 @@ NOT_SEARCHED: Mapping[str, CornerSearch] = MappingProxyType({})
 
 @presentation.register
 def _dataset(dataset: Dataset) -> Presentation:
-    description = [("description", dataset.description)] if dataset.description else []
     return Presentation(
         f"Dataset {dataset.name}",
         [
             KeyFigures([("dataset", dataset.name), *facts(dataset)]),
-            Facts(description),
+            Paragraph(dataset.description),
             Bullets([*dataset.warnings, *dataset.notes]),
         ],
-        [
-            Section("How far the joints move", [joint_ranges(dataset)]),
-            Section("The arm as robot.toml has it", [robot_table(dataset)]),
-        ],
+        [Section("How far the joints move", [joint_ranges(dataset)])],
     )
 
 
@@ -85,20 +83,16 @@ def _points(points: Points, one: str = "point") -> str:
 
 
 def first_rows(dataset: Dataset, count: int = 5) -> Table:
-    """Table of the first poses: role, joint values in deg or mm, and the first point measured at each, mm."""
-    poses, points = dataset.poses, dataset.points
-    turns = dataset.robot.is_revolute
-    q = np.where(turns, np.degrees(poses.q), poses.q)
-    headers = ["pose", "role", *(f"q{k + 1} {'deg' if turning else 'mm'}" for k, turning in enumerate(turns))]
-    headers += ["x mm", "y mm", "z mm"] if points is not None else []
-    rows: list[list[str]] = []
-    for i in range(min(count, len(poses))):
-        row = [poses.ids[i], names.role(str(poses.role[i])), *(f"{value:.3f}" for value in q[i])]
-        if points is not None:
-            at_pose = np.flatnonzero(points.pose == i)
-            row += [f"{v:.3f}" for v in points.xyz_mm[at_pose[0]]] if len(at_pose) else ["", "", ""]
-        rows.append(row)
-    return Table(headers, rows, left=(0, 1))
+    """Table of the first poses: role, joint values as in poses.csv, and the first point measured at each."""
+    shown = poses_frame(dataset.poses, dataset.robot)[["pose", "role", *joint_columns(dataset.robot)]].head(count)
+    if dataset.points is not None and dataset.points.lengths is None:
+        points = points_frame(dataset.poses, dataset.points).drop_duplicates("pose")
+        shown = shown.merge(points[["pose", "x_mm", "y_mm", "z_mm"]], how="left", on="pose")
+    rows = [
+        (pose_id, names.role(role), *("" if np.isnan(value) else f"{value:.3f}" for value in values))
+        for pose_id, role, *values in shown.itertuples(index=False)
+    ]
+    return Table([str(name).replace("_", " ") for name in shown], rows, left=(0, 1))
 
 
 def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
@@ -146,19 +140,6 @@ def joint_ranges(dataset: Dataset) -> Table:
         for k, (unit, low, high) in enumerate(zip(units, shown.min(axis=1), shown.max(axis=1), strict=True))
     ]
     return Table(("", "from", "to", "range"), rows)
-
-
-def robot_table(dataset: Dataset) -> Table:
-    """Table of the nominal five parameters of each row: lengths in mm, angles in degrees."""
-    robot = dataset.robot
-    rows = [(names.joint_with_unit(k + 1), *_row(joint.row)) for k, joint in enumerate(robot.joints)]
-    return Table(("", "a, mm", "α, °", "d, mm", "θ, °", "β, °"), [*rows, ("tool", *_row(robot.tool.row))])
-
-
-def _row(row: tuple[float, float, float, float, float]) -> list[str]:
-    a_mm, alpha, d_mm, theta, beta = row
-    values = (a_mm, np.degrees(alpha), d_mm, np.degrees(theta), np.degrees(beta))
-    return [numbers.signed(v, "z.2f") for v in values]
 
 
 @document.register

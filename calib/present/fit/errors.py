@@ -15,14 +15,13 @@ from calib.calibration.noise_level import FIT, NoiseLevel, SigmaCheck, noise_lev
 from calib.calibration.promise import PointPromise
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.headline import Headline
 from calib.models.exported_table import ExportedTable
-from calib.models.fitted_model import RoleErrors
+from calib.models.model_document import RoleErrors
 from calib.present import names
-from calib.present.effects import with_joints
 from calib.rendering import blocks, numbers
-from calib.rendering.blocks import Block, Coloured, Facts, FigurePlace, Paragraph, Table, Verdict, Words, joined
+from calib.rendering.blocks import Block, Coloured, FigurePlace, Paragraph, Table, Verdict, Words
 from calib.rendering.colours import BAD, GOOD, NEUTRAL
 from calib.statistics import rms
 
@@ -317,21 +316,6 @@ def _floor(level: NoiseLevel) -> str:
     return "not declared" if level.floor_mm is None else numbers.column_mm(level.floor_mm)
 
 
-def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffect], calibration: Calibration) -> Facts:
-    """Facts on a model: its effects, its errors, and the noise."""
-    last, level = models[-1], noise_level(calibration)
-    train, test = (f"{numbers.column_mm(mm)} mm" for mm in (last.train_rmse_mm, last.test_rmse_mm))
-    unit = "" if level.floor_mm is None else " mm" if level.is_declared else " mm, not declared"
-    return Facts(
-        [
-            ("model", joined(["link errors", *map(with_joints, effects)], " + ")),
-            ("training 3D RMSE", train),
-            ("test 3D RMSE", test if math.isfinite(last.test_rmse_mm) else "no test poses"),
-            (f"{level.name}, 3D", f"{_floor(level)}{unit}"),
-        ]
-    )
-
-
 def errors_by_version(versions: Sequence[Version], colours: Mapping[str, str]) -> Table:
     """Table of RMSE and largest 3D error of each version of a model, mm, and of noise alone."""
     rows: list[tuple[Words, ...]] = []
@@ -363,25 +347,9 @@ def pose_error_by_version(versions: Sequence[Version], pose: int, colours: Mappi
 # ---- sentences ------------------------------------------------------------------------------------------------------
 
 
-def evaluation_sentence(evaluation: Evaluation) -> str:
-    """Phrase with the RMSE of test and training poses: "test RMSE 0.20 mm (training 0.19 mm)"."""
-    train, test = numbers.length(evaluation.train_rmse_mm), numbers.length(evaluation.test_rmse_mm)
-    if evaluation.test is None:
-        return f"training RMSE {train}, no test poses" if evaluation.train else "no poses"
-    return f"test RMSE {test}{f' (training {train})' if evaluation.train else ''}"
-
-
 def table_alone(table: ExportedTable) -> list[Block]:
     """Paragraph with the errors of robot.toml's table alone and of the full model; [] for a model without effects."""
-    if not table.left_out:
-        return []
-    effects = numbers.listing(table.left_out)
-    return [
-        Paragraph(
-            f"What robot.toml can hold, the table alone, fitted without {effects}: "
-            f"{evaluation_sentence(table.errors)}; the model with {effects}: {evaluation_sentence(table.full.after)}."
-        )
-    ]
+    return [Paragraph(f"What robot.toml can hold, {table.comment}.")] if table.comment else []
 
 
 def sigma_sentence(check: SigmaCheck) -> str:

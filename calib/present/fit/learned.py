@@ -175,14 +175,7 @@ def coupling_sentences(readings: Sequence[CouplingReading]) -> list[str]:
 
 def readings_document(readings: Sequence[CurveReading]) -> list[dict[str, Any]]:
     """JSON of the readings of learned curves, each with its sentence and the sweep that shows it by itself."""
-    return [
-        {
-            **asdict(one),
-            "words": f"{reading_phrase(one)}{part_words(one)}",
-            "sweep": sweep_document(one.sweep),
-        }
-        for one in readings
-    ]
+    return [{**asdict(one), "words": f"{reading_phrase(one)}{part_words(one)}"} for one in readings]
 
 
 def curve_table(calibration: Calibration) -> Table:
@@ -306,38 +299,16 @@ def refutation_sentence(one: LawReading) -> str:
 
 
 def laws_document(readings: Sequence[LawReading], found: FoundLaws | None = None) -> list[dict[str, Any]]:
-    """JSON of laws: form, numbers, sentence, what would refute each, and the laws that say about as much."""
+    """JSON of laws: form, numbers, sentences, the motion that would refute each, and how many forms were tried."""
     tried = None if found is None else found.tried
-    return [
-        {
-            **asdict(one),
-            "unit": "rad" if one.is_revolute else "mm",
-            "part": part_of_law(one),
-            "words": law_sentence(one),
-            "refuted_by": {
-                **asdict(one.refuted_by),
-                "sweep": sweep_document(one.refuted_by.sweep),
-                "words": refutation_sentence(one),
-            },
-            "tried": tried,
-            "as_likely": [
-                {"joint": other.joint + 1, "kind": other.kind, "input": other.modes.input, "factor": other.modes.factor}
-                for other in _others(one, found)
-            ],
-        }
-        for one in readings
-    ]
+    told = law_sentences(readings, found)
+    return [{**asdict(one), "words": words, "tried": tried} for one, words in zip(readings, told, strict=True)]
 
 
 def sweep_words(sweep: Sweep, alone: str = "") -> str:
     """Phrase on a motion of one joint: "joint 3 from −90° to 90° in steps of 5° (37 poses)"."""
     start, end = (numbers.signed(value, ".0f") for value in (sweep.start_deg, sweep.end_deg))
     return f"joint {sweep.joint}{alone} from {start}° to {end}° in steps of {sweep.step_deg:g}° ({sweep.poses} poses)"
-
-
-def sweep_document(sweep: Sweep | None) -> dict[str, Any] | None:
-    """JSON value of a motion of one joint."""
-    return None if sweep is None else {**asdict(sweep), "poses": sweep.poses}
 
 
 def wave_part(order: int) -> str:
@@ -402,20 +373,17 @@ def _at(one: LawReading) -> str:
     return f" at {numbers.listing(values)}"
 
 
-def _others(one: LawReading, found: FoundLaws | None) -> tuple[laws.LawForm, ...]:
-    """Other laws that say about as much as one of those that were found."""
-    if found is None:
-        return ()
-    same = [law for law in found.laws if law.member.joint + 1 == one.joint and law.member.modes.input == one.input]
-    return same[0].rivals if same else ()
-
-
 def _rivals(one: LawReading, found: FoundLaws | None) -> str:
-    others = _others(one, found)
-    if not others:
-        return ""
-    named = [f"{other.kind} of joint {other.joint + 1} ({_inputs(other)})" for other in others[:3]]
-    return f" As likely: {numbers.listing(named, 'or')}."
+    """Sentence on other laws that say about as much as one of those that were found; "" where there are none."""
+    laws_found = () if found is None else found.laws
+    alike = [
+        form
+        for law in laws_found
+        if (law.member.joint + 1, law.member.modes.input) == (one.joint, one.input)
+        for form in law.rivals
+    ]
+    named = [f"{form.kind} of joint {form.joint + 1} ({_inputs(form)})" for form in alike[:3]]
+    return f" As likely: {numbers.listing(named, 'or')}." if named else ""
 
 
 def _inputs(form: laws.LawForm) -> str:

@@ -13,7 +13,7 @@ from calib.models.fitted_model import FittedModel
 from calib.present.fit.errors import coverage_sentence, error_table, promise_document, sigma_sentence
 from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
-from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
+from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Table, Verdict
 from calib.rendering.colours import BAD, DOUBT, GOOD
 from calib.validation.cross_validation import SUSPICIOUS, CrossValidation
 from calib.validation.learning_curve import FAR, LearningCurve
@@ -24,12 +24,7 @@ from calib.validation.learning_curve import FAR, LearningCurve
 @presentation.register
 def _cross_validation(folds: CrossValidation) -> Presentation:
     head = [*cross_validation_blocks(folds), cross_validation_verdict(folds)]
-    poses = [
-        (row["pose"], row["fold"], *map(numbers.column_mm, (row["nominal_mm"], row["error_mm"])))
-        for row in folds.to_frame().to_dict("records")
-    ]
-    each = Table(("pose", "fold", "nominal, mm", "held out, mm"), poses)
-    return Presentation(f"Cross-validation of {folds.dataset.name}", head, [Section("Each pose", [each])])
+    return Presentation(f"Cross-validation of {folds.dataset.name}", head)
 
 
 def cross_validation_blocks(folds: CrossValidation) -> list[Block]:

@@ -29,20 +29,17 @@ def correction_blocks(correction: Correction, ids: Sequence[str] = ()) -> list[B
     rows = [(ids[i] if ids else f"target {i + 1}", correction.reasons[i]) for i in missed[:_LISTED]]
     more = len(missed) - len(rows)
     reached = ("targets reached", f"{int(correction.reached.sum())} of {len(correction.q)} ({correction.kind})")
-    facts, *remarks = gain_blocks(correction)
-    assert isinstance(facts, Facts)
     return [
-        Facts([reached, *facts.pairs]),
-        *remarks,
+        *gain_blocks(correction, [reached]),
         Table(("not reached", "why"), rows, left=(0, 1)),
         Paragraph(f"and {more} more" if more > 0 else ""),
     ]
 
 
-def gain_blocks(correction: Correction) -> list[Block]:
-    """Facts on the errors without correction, the moves and the promise, and the remarks on them."""
+def gain_blocks(correction: Correction, first: Sequence[tuple[str, object]] = ()) -> list[Block]:
+    """Facts on the errors without correction, the moves and the promise, after `first`, and the remarks on them."""
     remarks = (Paragraph(f"{numbers.capitalised(words)}.") for words in _remarks(correction) if words)
-    return [Facts(_facts(correction)), *remarks]
+    return [Facts([*first, *_facts(correction)]), *remarks]
 
 
 def _facts(correction: Correction) -> list[tuple[str, object]]:
@@ -97,17 +94,13 @@ def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str,
         {"pose": pose, **row, "q": q if row["reached"] else None}
         for pose, row, q in zip(ids, correction.to_frame().to_dict(orient="records"), commanded, strict=True)
     ]
-    missed = [(pose, why) for pose, why in zip(ids, correction.reasons, strict=True) if why]
     outside = correction.is_outside
     return {
         "what": correction.kind,
         "reached": int(correction.reached.sum()),
-        "not_reached": [{"pose": pose, "why": why} for pose, why in missed],
+        "not_reached": [{"pose": pose, "why": why} for pose, why in zip(ids, correction.reasons, strict=True) if why],
         "largest_move_deg": correction.largest_move_deg,
         "outside": None if outside is None else [pose for pose, is_out in zip(ids, outside, strict=True) if is_out],
-        "attitude": attitude_phrase(correction) or None,
-        "as_after_last_pose": correction.changed,
-        "q_units": ["rad" if turns else "mm" for turns in correction.robot.is_revolute],
+        "notes": list(filter(None, _remarks(correction))),
         "targets": targets,
-        "unreached": [{"pose": pose, "reason": why} for pose, why in missed],
     }

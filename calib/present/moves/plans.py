@@ -50,6 +50,7 @@ _CONDITIONS = {  # that poses are to be measured under
     "payload_kg": "mount each payload once, for all its poses",
     "temperature_c": "measure the cold poses first; write down the temperatures",
 }
+_TITLES = {"payload_kg": "payload, kg", "temperature_c": "temperature, °C"}  # of columns of poses.csv
 _RANKS = "Rank 1 is the most informative; leave out the poses of the last ranks first."
 
 
@@ -230,31 +231,26 @@ def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -
     compact: all joints in one column and no ranks, for a narrow panel.
     """
     robot, poses = plan.start.dataset.robot, plan.poses
-    commanded = robot.commands_of(poses.q)
-    values = np.where(robot.is_revolute, np.degrees(commanded), commanded)
-    joints = [[f"{v:z.1f}".replace("-", "\N{MINUS SIGN}") for v in row] for row in values]
-    units = ["°" if turns else "mm" for turns in robot.is_revolute]
-    columns: list[tuple[str, list[str]]] = [("pose", list(poses.ids))]
+    frame = poses_frame(poses, robot)
+    joints = [[numbers.signed(v, "z.1f") for v in row] for row in frame[joint_columns(robot)].to_numpy()]
+    columns: dict[str, Sequence[object]] = {"pose": poses.ids}
     if compact:
-        both = "°" if all(robot.is_revolute) else "° or mm"
-        columns.append((f"joints, {both}", [", ".join(row) for row in joints]))
+        columns["joints, ° or mm"] = [", ".join(row) for row in joints]
     else:
-        columns += [(f"q{k + 1}, {unit}", [row[k] for row in joints]) for k, unit in enumerate(units)]
-    if poses.payload_kg is not None and np.any(poses.payload_kg):
-        columns.append(("payload, kg", [f"{kg:g}" for kg in poses.payload_kg]))
-    if poses.temperature_c is not None:
-        columns.append(("temperature, °C", [f"{c:.1f}" for c in poses.temperature_c]))
+        units = ["°" if turns else "mm" for turns in robot.is_revolute]
+        columns |= {f"q{k + 1}, {unit}": [row[k] for row in joints] for k, unit in enumerate(units)}
+    for name, title in _TITLES.items():
+        if name in frame and any(frame[name]):
+            columns[title] = [f"{value:g}" for value in frame[name]]
     if poses.approach is not None and not compact:
-        signs = ["".join("+" if side > 0 else "\N{MINUS SIGN}" for side in row) for row in poses.approach]
-        columns.append(("approach", signs))
+        columns["approach"] = ["".join("+" if side > 0 else numbers.MINUS for side in row) for row in poses.approach]
     if not compact:
-        columns.append(("rank", list(map(str, plan.ranks))))
-    columns.append(("determines best", [reason_told(reason).phrase for reason in plan.reasons]))
-    last = len(columns) - 1
+        columns["rank"] = plan.ranks
+    columns["determines best"] = [reason_told(reason).phrase for reason in plan.reasons]
     return Table(
-        [name for name, _ in columns],
-        list(zip(*(cells for _, cells in columns), strict=True)),
-        left=range(len(columns)) if compact else (0, last),
+        list(columns),
+        list(zip(*columns.values(), strict=True)),
+        left=range(len(columns)) if compact else (0, len(columns) - 1),
         mark=mark,
         rows_select=[Reference("planned", k, name) for k, name in enumerate(poses.ids)],
     )
@@ -358,13 +354,11 @@ def _plan_document(plan: Plan) -> dict[str, Any]:
         "region": plan.region,
         "predicted_test_rmse_mm": {"now": plan.now.geometry_mm, "then": plan.then.geometry_mm},
         "band_90_mm": {"now": _band(plan.now), "then": _band(plan.then)},
-        "with_noise_mm": {"now": plan.now.with_noise_mm, "then": plan.then.with_noise_mm},
         "curve_mm": plan.curve_mm,
         "enough": plan.enough,
         "settles": plan.power,
         **told(plan.outcome).document,
         "ways": _ways_document(plan),
-        "shots": 1,  # every pose is measured once
         "model": plan.model,
         "told": told(plan.outcome).sentences,
         "notes": assumptions(plan),

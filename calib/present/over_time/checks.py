@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import singledispatch
 from typing import Any
 
 from calib.calibration.held_out import HeldOutTest
@@ -74,42 +73,78 @@ def item_sentence(item: CheckItem) -> str:
     return _sentence(item.evidence)
 
 
-@singledispatch
 def _sentence(evidence: object) -> str:
+    match evidence:
+        case str() as text:
+            return text
+        case ThinScans() as thin:
+            return (
+                f"{thin.count} of {thin.scans} lose more than half of their points, which have no value; the worst, "
+                f"{thin.worst}, {thin.dropped:,} of {thin.points:,}; where the jig should be among them, look at the "
+                "exposure, the distance and glare"
+            )
+        case MissingCorners() as missing:
+            return f"{missing.count} of {missing.scans} scans have none; the first, {missing.first}: {missing.reason}"
+        case FoundCorners() as found:
+            scans = f"all {found.scans} scans" if found.scans > 1 else "the scan"
+            told = f"found in {scans}, median sigma {numbers.length(found.sigma_mm)}"
+            if not found.is_coarse:
+                return told
+            better = "go nearer, take a larger jig, or scan each pose several times"
+            return f"{told}, coarser than the {numbers.length(COARSE_CORNER_MM)} that tell much of an arm: {better}"
+        case RepeatScatter() as scatter:
+            return _scatter(scatter)
+        case TooFewPoses() as few:
+            return f"not tried: {few.poses} different training poses are measured, a fit takes at least {few.needed}"
+        case Calibration() as calibration:
+            return fit_sentence(calibration)
+        case ToolShift() as shift:
+            return tool_shift_sentence(shift)
+        case DoubtfulEntry() as entry:
+            return table_doubt(entry)
+        case OutlyingPoses() as outlying:
+            return outlier_hint(outlying.plain, outlying.robust)
+        case ErrorsOfTestPoses() as errors:
+            before, after = errors.before, errors.after
+            if before is None or after is None:
+                return "no pose has the role test, so nothing says how good this is away from the training poses"
+            asked = "" if errors.asked_mm is None else f"; {errors.asked_mm:g} mm was asked for"
+            return (
+                f"RMSE {numbers.length_change(before.rmse_mm, after.rmse_mm)}, "
+                f"maximum {numbers.length_change(before.max_mm, after.max_mm)}{asked}"
+            )
+        case ErrorRatio() as ratio:
+            told = f"{ratio.ratio:.2f} times the training error"
+            if ratio.expected is None:
+                return told
+            told += f", noise explains {ratio.expected:.2f}"
+            if ratio.moved is not None:
+                return f"{told}: {ratio.moved.words}"
+            return (
+                f"{told}: expect the test error elsewhere; too few poses, physics that is not in the model, or wrong "
+                f"test points, the worst at {ratio.worst_pose} with {numbers.length(ratio.worst_mm)}"
+            )
+        case ResidualSigma() as residual:
+            return _residual_sigma(residual)
+        case ResidualOfDiagnosis() as left:
+            model = "the links with all that was found" if left.effects else "the links"
+            return (
+                f"{model} leave {numbers.length(left.sigma_mm)} per coordinate, {numbers.times(left.ratio)} the "
+                "declared sigma: the arm is not calibrated to what was measured, or sigma was declared far too small"
+            )
+        case DataProblem() as problem:
+            return problem.warning
+        case Diagnosis() as diagnosis:
+            return plain(verdict(diagnosis))
+        case HeldOutTest() as test:
+            if test.is_broken:
+                return promise(test)
+            off, promised = numbers.length(test.rmse_mm), numbers.length(test.promised_mm)
+            return f"the test poses are off by {off}, where {promised} were to be expected"
     raise TypeError(f"nothing is told of a {type(evidence).__name__}")
 
 
-@_sentence.register
-def _(text: str) -> str:
-    return text
-
-
-@_sentence.register
-def _(thin: ThinScans) -> str:
-    return (
-        f"{thin.count} of {thin.scans} lose more than half of their points, which have no value; the worst, "
-        f"{thin.worst}, {thin.dropped:,} of {thin.points:,}; where the jig should be among them, look at the exposure, "
-        "the distance and glare"
-    )
-
-
-@_sentence.register
-def _(missing: MissingCorners) -> str:
-    return f"{missing.count} of {missing.scans} scans have none; the first, {missing.first}: {missing.reason}"
-
-
-@_sentence.register
-def _(found: FoundCorners) -> str:
-    scans = f"all {found.scans} scans" if found.scans > 1 else "the scan"
-    told = f"found in {scans}, median sigma {numbers.length(found.sigma_mm)}"
-    if not found.is_coarse:
-        return told
-    better = "go nearer, take a larger jig, or scan each pose several times"
-    return f"{told}, coarser than the {numbers.length(COARSE_CORNER_MM)} that tell much of an arm: {better}"
-
-
-@_sentence.register
-def _(scatter: RepeatScatter) -> str:
+def _scatter(scatter: RepeatScatter) -> str:
     places = numbers.count(scatter.places, "place")
     told = f"{places} measured several times: sigma of {numbers.length(scatter.sigma_mm)} per coordinate"
     if scatter.declared_ratio is not None:
@@ -121,59 +156,7 @@ def _(scatter: RepeatScatter) -> str:
     return told
 
 
-@_sentence.register
-def _(few: TooFewPoses) -> str:
-    return f"not tried: {few.poses} different training poses are measured, a fit takes at least {few.needed}"
-
-
-@_sentence.register
-def _(calibration: Calibration) -> str:
-    return fit_sentence(calibration)
-
-
-@_sentence.register
-def _(shift: ToolShift) -> str:
-    return tool_shift_sentence(shift)
-
-
-@_sentence.register
-def _(entry: DoubtfulEntry) -> str:
-    return table_doubt(entry)
-
-
-@_sentence.register
-def _(outlying: OutlyingPoses) -> str:
-    return outlier_hint(outlying.plain, outlying.robust)
-
-
-@_sentence.register
-def _(errors: ErrorsOfTestPoses) -> str:
-    before, after = errors.before, errors.after
-    if before is None or after is None:
-        return "no pose has the role test, so nothing says how good this is away from the training poses"
-    asked = "" if errors.asked_mm is None else f"; {errors.asked_mm:g} mm was asked for"
-    return (
-        f"RMSE {numbers.length_change(before.rmse_mm, after.rmse_mm)}, "
-        f"maximum {numbers.length_change(before.max_mm, after.max_mm)}{asked}"
-    )
-
-
-@_sentence.register
-def _(found: ErrorRatio) -> str:
-    told = f"{found.ratio:.2f} times the training error"
-    if found.expected is None:
-        return told
-    told += f", noise explains {found.expected:.2f}"
-    if found.moved is not None:
-        return f"{told}: {found.moved.words}"
-    return (
-        f"{told}: expect the test error elsewhere; too few poses, physics that is not in the model, or wrong test "
-        f"points, the worst at {found.worst_pose} with {numbers.length(found.worst_mm)}"
-    )
-
-
-@_sentence.register
-def _(residual: ResidualSigma) -> str:
+def _residual_sigma(residual: ResidualSigma) -> str:
     level = residual.level
     if level.is_declared:
         against = f"{numbers.times(residual.ratio)} the declared sigma"
@@ -190,33 +173,6 @@ def _(residual: ResidualSigma) -> str:
         "below": "clearly less than was declared; sigma was declared too large, and small effects are doubted for it",
     }[residual.meaning]
     return f"{numbers.length(residual.sigma_mm)} per coordinate, {against}{f': {meaning}' if meaning else ''}"
-
-
-@_sentence.register
-def _(left: ResidualOfDiagnosis) -> str:
-    model = "the links with all that was found" if left.effects else "the links"
-    return (
-        f"{model} leave {numbers.length(left.sigma_mm)} per coordinate, {numbers.times(left.ratio)} the declared "
-        "sigma: the arm is not calibrated to what was measured, or sigma was declared far too small"
-    )
-
-
-@_sentence.register
-def _(problem: DataProblem) -> str:
-    return problem.warning
-
-
-@_sentence.register
-def _(diagnosis: Diagnosis) -> str:
-    return plain(verdict(diagnosis))
-
-
-@_sentence.register
-def _(test: HeldOutTest) -> str:
-    if test.is_broken:
-        return promise(test)
-    off, promised = numbers.length(test.rmse_mm), numbers.length(test.promised_mm)
-    return f"the test poses are off by {off}, where {promised} were to be expected"
 
 
 @document.register

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.calibration.evaluation import Evaluation
 from calib.present import names
-from calib.present.results import document, presentation
+from calib.present.results import document, own_fields, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Paragraph, Presentation, Section, Table, Verdict
 from calib.rendering.colours import DOUBT, GOOD
@@ -134,17 +134,6 @@ def _difference(p: ParameterDifference) -> tuple[str, ...]:
 
 @document.register
 def _comparison_document(compared: Comparison) -> dict[str, Any]:
-    return {
-        "names": compared.names,
-        "differs": compared.differs,
-        "p_same": compared.p_same,
-        "p_rest": compared.p_rest,
-        "changes": compared.changes,
-        "parameters": compared.parameters,
-        "only_in": compared.only_in,
-        "times_noise": compared.times_noise,
-        "cameras": compared.cameras,
-        "tool_point": {"rms_mm": compared.rms_mm, "max_mm": compared.largest_mm, "pose": compared.largest_pose},
-        "errors": [{"before": before, "after": after} for before, after in compared.errors],
-        "explanation": comparison_verdict(compared),
-    }
+    errors = [{"before": before, "after": after} for before, after in compared.errors]
+    told = {"differs": compared.differs, "errors": errors, "explanation": comparison_verdict(compared)}
+    return own_fields(compared) | told

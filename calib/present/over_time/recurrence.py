@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from calib.present.over_time.comparison import camera_sentence
-from calib.present.results import document, presentation, to_dict
+from calib.present.results import document, own_fields, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,
@@ -115,27 +115,9 @@ def _alone(found: Recurrence) -> list[Words]:
 
 @document.register
 def _recurrence_document(found: Recurrence) -> dict[str, Any]:
-    return {
-        "recordings": found.names,
-        "verdict": found.verdict,
-        "cameras": [{"recording": name, **to_dict(shift)} for name, shift in found.cameras],
-        "causes": [
-            {
-                "cause": cause.cause,
-                "joint": cause.joint,
-                "in": cause.found_in,
-                "parameter": cause.parameter,
-                "unit": cause.unit,
-                "values": cause.values,
-                "sigmas": cause.sigmas,
-                "agree": cause.agree,
-                "comes_back": cause.comes_back,
-                "common": {"value": cause.common[0], "sigma": cause.common[1]},
-                "alike": cause.alike,
-                "called_for_together": cause.called_for,
-                "named_alone_in": cause.named_alone,
-            }
-            for cause in found.causes
-        ],
-        "alone": dict(zip(found.names, found.alone, strict=True)),
-    }
+    return {"verdict": found.verdict, **own_fields(found)}
+
+
+@document.register
+def _cause_document(cause: RepeatedCause) -> dict[str, Any]:
+    return {**own_fields(cause), "comes_back": cause.comes_back}

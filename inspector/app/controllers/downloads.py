@@ -15,7 +15,7 @@ from calib.models.exported_table import ExportedTable, exported_table
 from calib.plugins import load
 from calib.robot_formats.calibrated_file import kept_template
 from inspector.app.page.page_state import PageState
-from inspector.export import csv_and_png as exports
+from inspector.export import csv_files as exports
 from inspector.panels.downloads import (
     CONTRIBUTED,
     ITEMS,
@@ -25,13 +25,10 @@ from inspector.panels.downloads import (
     REDUNDANCY,
     REPORT,
     RESIDUALS,
-    SCENE,
-    SCREENSHOT,
     SESSION,
     TABLE,
     DownloadsPanel,
 )
-from inspector.panels.input_checks import clamped
 from inspector.server.background import Background
 from inspector.server.worker import LongWork, Worker
 from inspector.session import measuring
@@ -39,10 +36,6 @@ from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from inspector.session.session_file import Shown, session_text
 from inspector.session.view import View
-
-RENDER_S = 30.0  # a page that sends no picture in this time is hidden or gone
-LARGEST_PX = 3840
-PAPER = (255, 255, 255)  # behind a picture of the 3D view, as behind a figure that is saved
 
 
 @dataclass(frozen=True)
@@ -78,13 +71,10 @@ class Downloads:
         self._state, self._view_name, self._worker = state, view_name, worker
         self._panel, self._root = panel, root
         self._files = Background("files")
-        # A page that never sends its picture keeps a thread waiting, which must not be the one that makes files.
-        self._pictures = Background("pictures", threads=2)
 
     def close(self) -> None:
-        """End the threads."""
+        """End the thread."""
         self._files.close()
-        self._pictures.close()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
         """Make one of `panels.downloads.ITEMS` for a page; only the last of several presses counts."""
@@ -95,10 +85,7 @@ class Downloads:
         asked = Asked(self._state.now, self._view_name(), self._root)
         self._panel.say(f"Making: {what} …")
         try:
-            if what == SCREENSHOT:
-                made = yield from self._pictures.run(lambda: _screenshot(asked, client))
-            else:
-                made = yield from self._files.run(lambda: _made(what, asked))
+            made = yield from self._files.run(lambda: _made(what, asked))
         finally:
             self._panel.say("")
         assert made is not None
@@ -113,14 +100,13 @@ def _made(what: str, asked: Asked) -> tuple[str, bytes]:
 
 
 def _report(asked: Asked) -> tuple[str, bytes]:
-    from inspector.report.content import report_of
     from inspector.report.report import report_html
 
     session = asked.session
     assert asked.calibration is not None
     if session.screening is None:
         session = sessions.with_screening(session)
-    return "report.html", report_html(report_of(session), now=datetime.now()).encode()
+    return "report.html", report_html(session, now=datetime.now()).encode()
 
 
 def _table(asked: Asked) -> ExportedTable:
@@ -170,22 +156,6 @@ def _redundancy(asked: Asked) -> tuple[str, bytes]:
     return "redundancy.csv", exports.redundancy_csv(known).encode()
 
 
-def _scene(asked: Asked) -> tuple[str, bytes]:
-    from inspector.export.glb_scene import scene_glb
-
-    return "scene.glb", scene_glb(asked.calibration, asked.view.pose, asked.view.arrows)
-
-
-def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
-    camera = client.camera
-    height, width = (int(clamped(px, 16, LARGEST_PX, 720)) for px in (camera.image_height, camera.image_width))
-    try:
-        image = client.get_render(height=height, width=width, transport_format="png", timeout=RENDER_S)
-    except (TimeoutError, RuntimeError, ConnectionError) as error:
-        raise CalibError(f"your browser sent no picture ({type(error).__name__}); bring its tab to the front") from None
-    return "view.png", exports.png(exports.over(image, PAPER))
-
-
 MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
     REPORT: _report,
     OWN_FILE: _own_file,
@@ -195,6 +165,5 @@ MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
     RESIDUALS: _residuals,
     POINTS: _points,
     REDUNDANCY: _redundancy,
-    SCENE: _scene,
 }
-"""How each file is made; only the screenshot needs the page that asks."""
+"""How each file is made."""

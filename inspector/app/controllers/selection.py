@@ -32,7 +32,6 @@ class Selection:
         self._stage.comparison.draw()
         self._panels.review.update(view)
         self._panels.residuals.choose_joint(view)
-        self._panels.missing_effects.update_curves(view)
 
     def box(self, is_in_box: Callable[[Array], BoolArray] | None) -> None:
         """Select the poses whose measured points lie in a box on the screen; None clears the box."""

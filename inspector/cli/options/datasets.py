@@ -43,14 +43,6 @@ class RedundancyOptions(WithResidual, WithLeaveOut, Output):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VerifyOptions(Output):
-    """Whether models, sessions and reports were made of exactly a dataset's files; when, by whom and how."""
-
-    path: Path = argument(A_DATASET)
-    results: Sequence[Path] = argument("model.json, session.json or report.html", metavar="RESULT", repeated=True)
-
-
-@dataclass(frozen=True, kw_only=True)
 class EffectsOptions(Output):
     """The catalogue of effects."""
 

@@ -32,7 +32,6 @@ class CalibrateOptions(WithModelOut, FittingOptions, WithAdding):
     )
     force: bool = flag("write although the fit is no improvement")
     residuals: Path | None = option("write what is left over, a row a pose with all inputs", metavar="FILE.csv")
-    scene: Path | None = option("write arm, points and residuals (x 100) in 3D", metavar="FILE.glb")
     session: Path | None = option("write a session that serve --session opens", metavar="FILE.json")
     model: Path | None = option(
         "hold the effects and curves of this saved model, with --refit (of calibrate --model-out)", metavar="FILE.json"

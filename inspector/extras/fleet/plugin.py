@@ -7,7 +7,7 @@ CONTRIBUTIONS = (
         "pool",
         "inspector.extras.fleet.options:PoolOptions",
         "inspector.extras.fleet.fleet_command:run_pool",
-        after="verify",
+        after="repeat",
     ),
     Command(
         "fleet",

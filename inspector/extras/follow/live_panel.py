@@ -10,7 +10,7 @@ from calib.extras.follow.campaign import Campaign
 from calib.extras.follow.present.campaign import campaign_head, latest_first
 from calib.rendering import html
 from inspector.markup.parts import elements
-from inspector.panels.base import SECONDARY, Actions, by_page
+from inspector.panels.base import SECONDARY, Actions, on_page
 
 NOTE = (
     "While you measure: each pose that arrives in this dataset's folder is judged at once, the error of the fit so far "
@@ -33,7 +33,7 @@ class LivePanel:
         )
         self._poses = gui.add_html("")
         self.on_switched: Callable[[bool], None] = lambda on: None  # told whether to follow the folder
-        self.on.on_update(lambda e: self.on_switched(bool(self.on.value)) if by_page(e) else None)
+        on_page(self.on, lambda _: self.on_switched(bool(self.on.value)))
         self._show.on_click(lambda _: actions.open_again())
 
     def clear(self) -> None:

@@ -7,7 +7,7 @@ CONTRIBUTIONS = (
         "follow",
         "inspector.extras.follow.options:FollowOptions",
         "inspector.extras.follow.follow_command:run_follow",
-        after="verify",
+        after="repeat",
     ),
     Tab(
         "Measure",

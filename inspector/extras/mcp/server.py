@@ -32,7 +32,7 @@ SKILL = "inspector://skill"  # address of the guide as a resource
 MOST_CHARACTERS = 60_000  # of one answer; an agent reads no more at a time
 BAD = 2  # exit code of bad input
 FIGURE = "figure"  # the tool that answers with a picture
-_READS = frozenset({"corners", "redundancy", "effects", "follow", "verify", "repeat", "watch", "check", "fleet"})
+_READS = frozenset({"corners", "redundancy", "effects", "follow", "repeat", "watch", "check", "fleet"})
 _ISOLATED = ("-P",)  # what lies in the working folder is data, and no module
 _SAID = "inspector: "  # begins what a command says beside its result
 

@@ -7,7 +7,7 @@ CONTRIBUTIONS = (
         "watch",
         "inspector.extras.watch.options:WatchOptions",
         "inspector.extras.watch.watch_command:run_watch",
-        after="verify",
+        after="repeat",
     ),
     Tab(
         "Model",

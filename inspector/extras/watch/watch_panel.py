@@ -11,7 +11,7 @@ from calib.extras.watch.series import WatchedCell
 from calib.rendering import html
 from inspector.extras.watch.watch_plots import chart
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.panels.base import Actions, hidden_plot, on_page, put
 from inspector.session.view import View
 
 NOTE = (
@@ -38,7 +38,7 @@ class WatchPanel:
         self._drawn: WatchedCell | None = None
         self.on_asked: Callable[[], None] = lambda: None  # told of each choice
         for widget in (self.later, self.moved):
-            widget.on_update(lambda e: self.on_asked() if by_page(e) else None)
+            on_page(widget, lambda _: self.on_asked())
 
     @property
     def scanner_moved(self) -> bool:

@@ -11,7 +11,7 @@ from calib.extras.watch.present.changes import change_phrases
 from calib.extras.watch.watch import ChangeReport
 from calib.html_text import escape
 from inspector.figures.results.alone import titled
-from inspector.figures.style import distinct_labels, figure, log_axis
+from inspector.figures.style import figure, log_axis, shortened
 from inspector.markup.parts.palette import BAD, DOUBT, GOOD, NEUTRAL
 
 VERDICTS = {  # colour and marker, so that no verdict is told by its colour alone
@@ -52,7 +52,7 @@ def chart(shown: Sequence[ChangeReport]) -> go.Figure:
                     "hovertemplate": "%{customdata}<br>%{y:.4g} mm<extra></extra>",
                 }
             )  # fmt: skip
-    names = [w.date[:10] for w in shown] if all(w.date for w in shown) else distinct_labels([w.name for w in shown])
+    names = [w.date[:10] for w in shown] if all(w.date for w in shown) else [shortened(w.name, 12) for w in shown]
     every = slice(None, None, -(-len(shown) // 8))
     errors = [w.rmse_mm for w in shown]
     scale: dict[str, object] = {"rangemode": "tozero"}

@@ -2,50 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
-from importlib import import_module
+import zlib
 
 import plotly.graph_objects as go
 
-from calib.errors import CalibError
 from calib.html_text import escape
-from calib.progress import in_notebook
-from inspector.figures.results.still import to_svg
-from inspector.figures.style import Part
-from inspector.figures.svg.file import PAPER
+from inspector.figures.svg.figure import svg_of
+from inspector.figures.svg.text import label, plain
 
-_TITLE_PX, _ALONE_PX = 34, 420  # what a title takes; the height of a figure that gives none
-_SVG = "image/svg+xml"
-
-
-class ResultFigure(go.Figure):  # type: ignore[misc]
-    """A plotly figure that a notebook can show without a script.
-
-    Beside what plotly's renderer makes of it a cell gets the still picture: an export to HTML or PDF, a code host or an
-    untrusted notebook shows that. Nothing is asked of the network.
-    """
-
-    def _repr_mimebundle_(self, include: Container[str] | None = None, exclude: Container[str] | None = None) -> Part:
-        bundle: Part = super()._repr_mimebundle_(include, exclude)
-        try:
-            return {**bundle, _SVG: to_svg(self)}
-        except CalibError:  # plotly alone draws it
-            return bundle
-
-    def _ipython_display_(self) -> None:
-        if in_notebook():
-            import_module("IPython.display").display(self._repr_mimebundle_(), raw=True)
-        else:
-            super()._ipython_display_()
-
-    def _repr_html_(self) -> str:
-        try:
-            return to_svg(self)
-        except CalibError:
-            return str(self.to_html(full_html=False, include_plotlyjs=True))
+PAPER = "#ffffff"  # behind a figure that stands alone
+_TITLE_PX, _ALONE_PX, _HEADING_PX = 34, 420, 30  # what a title takes; the height of a figure that gives none
+_COLOURS = "--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;background:#fff"
+_STYLE = (
+    "<style>.picture text{fill:var(--ink)}.picture .faint{fill:var(--soft)}"
+    ".picture .grid{stroke:var(--line);fill:none}"
+    ".picture .zero,.picture .ruler{stroke:var(--soft);fill:none}</style>"
+)
+_IDS = "ids-of-this-picture"
 
 
-def titled(fig: go.Figure, title: str, *, height_px: int = 0) -> ResultFigure:
+def titled(fig: go.Figure, title: str, *, height_px: int = 0) -> go.Figure:
     """Figure with a title and its own background; `height_px` without the title, 0 for the default."""
     given = fig.to_dict()
     layout = given["layout"]
@@ -59,4 +35,24 @@ def titled(fig: go.Figure, title: str, *, height_px: int = 0) -> ResultFigure:
         "margin": {**layout["margin"], "t": layout["margin"]["t"] + _TITLE_PX},
         "height": height_px + _TITLE_PX if height_px else _ALONE_PX,
     }  # fmt: skip
-    return ResultFigure({"data": given["data"], "layout": {**layout, **alone}}, _validate=False)
+    return go.Figure({"data": given["data"], "layout": {**layout, **alone}}, _validate=False)
+
+
+def to_svg(figure: go.Figure, width_px: int = 850, height_px: int = 0) -> str:
+    """A figure as the text of an SVG file without a script, on a light background, its hover texts as titles.
+
+    Args:
+        height_px: 0 takes the figure's own.
+    """
+    heading = plain(figure.layout.title.text or "")
+    height = height_px or int(figure.layout.height or 360)
+    above = _HEADING_PX if heading else 0
+    drawn = svg_of(figure, width_px, height - above, name=_IDS, title=heading or "figure")
+    # A page may hold several: each has ids and colours of its own.
+    drawn = drawn.replace(_IDS, f"picture{zlib.crc32(drawn.encode()):08x}")
+    inner = drawn.replace("<svg ", f'<svg y="{above}" width="{width_px}" height="{height - above}" ', 1)
+    told = label(heading, 10.0, 0.55 * above, size_px=15.0, anchor="start") if heading else ""
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="picture" viewBox="0 0 {width_px} {height}" '
+        f'style="{_COLOURS};font-family:sans-serif;max-width:{width_px}px">{_STYLE}{told}{inner}</svg>'
+    )

@@ -11,14 +11,12 @@ from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of, running_median
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
-from calib.diagnosis.effect_selection import FitStep, candidate_of
+from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy_of
 from calib.intervention.proof import Intervention
-from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from calib.planning.plan import Plan
 from calib.present.fit.residuals import AXES, LENGTH, joint_title, shown, turned
@@ -28,25 +26,16 @@ from calib.validation.learning_curve import LearningCurve
 from inspector.figures import curve_plots, plots, residual_plots
 from inspector.figures.results.alone import titled
 
-# ---- a fit: its errors by pose, over an input, over the work space; which parameters can be known --------------------
+_TALL_PX = 620  # of a figure of one scale both ways
 
 
-_TALL_PX = 620  # of figures of one scale both ways
-
-
-def error_bars(calibration: Calibration, *, before: bool = False) -> go.Figure:
-    """Bars of the 3D error of each pose, mm, training and test poses in their colours.
-
-    Args:
-        calibration: a fit, of `calib.calibrate` or the `.calibration` of a diagnosis.
-        before: of the nominal robot instead of the fitted one.
-    """
-    frame = (calibration.before if before else calibration.after).to_frame(calibration.dataset)
+def error_bars(calibration: Calibration) -> go.Figure:
+    """Bars of the 3D error of each pose after a fit, mm, training and test poses in their colours."""
+    frame = calibration.after.to_frame(calibration.dataset)
     drawn = plots.pose_residuals(
         frame["pose"].tolist(), frame["role"].tolist(), frame["error_mm"].to_numpy(), what="3D error"
     )
-    model = "as delivered" if before else "after the fit"
-    return titled(drawn, f"Error at each pose {model}: {calibration.dataset.name}")
+    return titled(drawn, f"Error at each pose after the fit: {calibration.dataset.name}")
 
 
 def residuals_over(of: Calibration | Diagnosis, over: str = "q1", show: str | int = "length") -> go.Figure:
@@ -75,20 +64,6 @@ def residuals_over(of: Calibration | Diagnosis, over: str = "q1", show: str | in
     return titled(drawn, f"What is left over: {calibration.dataset.name}")
 
 
-def work_space(of: Calibration | Diagnosis, *, show: str | int = "length") -> go.Figure:
-    """Figure of each pose's point from above and from the side, mm in the base frame, coloured by error.
-
-    `of` and `show` as of `residuals_over`.
-    """
-    calibration = of.calibration
-    errors = pose_errors_of(calibration)
-    values, title, _ = _shown(errors, show, calibration.dataset.robot)
-    drawn = residual_plots.place_views(
-        errors.place_mm, values, errors.pose_ids, errors.is_test, title=title, signed=show != "length"
-    )
-    return titled(drawn, f"Error over the work space: {calibration.dataset.name}", height_px=_TALL_PX)
-
-
 def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarray, str, tuple[float, float]]:
     """Values of an input, its name with unit, and the band of the noise."""
     if isinstance(show, int):
@@ -101,31 +76,10 @@ def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarra
     return shown(errors, names[show], None, robot)
 
 
-def where_measured(dataset: Dataset) -> go.Figure:
-    """Figure of the nominal arm's tool point at each pose, from above and from the side, mm in the base frame.
-
-    Needs no measured points, so it may be drawn of a dataset of scans or of poses that are planned.
-    """
-    poses, robot = dataset.poses, dataset.robot
-    place_mm = target_points(robot, poses.q)
-    drawn = residual_plots.places_by_role(place_mm, poses.ids, poses.role.tolist())
-    return titled(drawn, f"Where it is measured: {dataset.name}", height_px=_TALL_PX)
-
-
-def convergence(calibration: Calibration, *, what: str = "3D") -> go.Figure:
-    """Figure of the RMS error at each iteration of the fit, mm, logarithmic; iteration 0 is the nominal robot.
-
-    Args:
-        what: "3D" error, or "distance", the error of distances to the reference pose.
-    """
+def convergence(calibration: Calibration) -> go.Figure:
+    """Figure of the RMS error at each iteration of the fit, mm, logarithmic; iteration 0 is the nominal robot."""
     steps = calibration.iteration_errors
-    if what not in ("3D", "distance"):
-        raise CalibError(f"cannot show {what!r}; there are 3D and distance")
-    if what == "3D":
-        train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
-    else:
-        train, test = [s.train_distance_rmse_mm for s in steps], [s.test_distance_rmse_mm for s in steps]
-    drawn = plots.convergence(train, test, what=what)
+    drawn = plots.convergence([s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps])
     return titled(drawn, f"Convergence of the fit: {calibration.dataset.name}")
 
 
@@ -144,7 +98,7 @@ def redundancy_heatmap(of: Redundancy | Dataset | Calibration) -> go.Figure:
         analysis, name = redundancy_of(of), f": {of.name}"
     else:
         analysis, name = of, ""
-    drawn = plots.correlation_heatmap(analysis.parameters, analysis.pearson, no_influence=analysis.no_influence)
+    drawn = plots.correlation_heatmap(analysis.parameters, analysis.pearson)
     return titled(drawn, f"Which parameters act alike{name}", height_px=_TALL_PX)
 
 
@@ -184,20 +138,6 @@ def error_history(of: Diagnosis | Sequence[FitStep]) -> go.Figure:
     return titled(drawn, f"The error falls: {last.dataset.name}")
 
 
-def ranking(diagnosis: Diagnosis, *, step: int = 0) -> go.Figure:
-    """Bars of the log evidence of each candidate effect before the first addition; 3 is the least for adding one.
-
-    Args:
-        step: after how many effects were added; 0 is the ranking that the first decision was taken by.
-    """
-    if not 0 <= step < len(diagnosis.screenings):
-        raise CalibError(f"no ranking after step {step}; there are 0 to {len(diagnosis.screenings) - 1}")
-    candidates = diagnosis.screenings[step].candidates
-    evidence = {c.name: c.log_evidence for c in candidates}
-    drawn = plots.evidence_bars(evidence, diagnosis.missing, MIN_LOG_EVIDENCE)
-    return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}")
-
-
 def moved_by_change(intervention: Intervention) -> go.Figure:
     """Figure of what a changed condition moved each target by, mm, against what the proven causes explain of it.
 
@@ -208,20 +148,6 @@ def moved_by_change(intervention: Intervention) -> go.Figure:
         raise CalibError("no pairs were measured; give one of `Diagnosis.interventions`")
     drawn = residual_plots.moved_by_change(moved.moved_mm, moved.explained_mm, moved.names, moved.held_out)
     return titled(drawn, f"Moved by a change of {', '.join(intervention.conditions)}")
-
-
-def added_variable(diagnosis: Diagnosis, effect: str) -> go.Figure:
-    """Figure of the residual against the part that an effect would explain, in sigmas, with the line of agreement.
-
-    Both are of the link errors alone, without what geometry could have absorbed (an added-variable plot). Raises
-    CalibError on an effect that is no candidate.
-    """
-    screening = diagnosis.screenings[0]
-    candidate = candidate_of(screening, effect)
-    drawn = residual_plots.added_variable(
-        candidate.explained, screening.projected.residual, effect, screening.projected.row_poses
-    )
-    return titled(drawn, f"What {effect} would explain: {diagnosis.calibration.dataset.name}")
 
 
 def learned_curves(of: Calibration | Diagnosis) -> go.Figure:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,7 +61,7 @@ def axis_of(given: Mapping[str, Any], values: Sequence[object], length_px: float
         (float((given.get("domain") or (0, 1))[0]), float((given.get("domain") or (0, 1))[1])),
         bool(given.get("zeroline", True)) and kind == "linear" and min(low, high) < 0.0 < max(low, high),
     )  # fmt: skip
-    return Axis(**{**found.__dict__, "ticks": _ticks(found, given, length_px)})
+    return replace(found, ticks=_ticks(found, given, length_px))
 
 
 def _range(

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import plotly.graph_objects as go
 
 from inspector.figures.svg.axis import Axis, axis_of
 from inspector.figures.svg.marks import DASHES, Panel, Trace, cell_colour, drawn, line_colour, marker_of, symbol
-from inspector.figures.svg.one_scale import to_one_scale
 from inspector.figures.svg.text import USUAL_PX, escaped, label, number, plain, width_px
 
 _LEGEND_PX, _TITLE_PX, _GAP_PX = 20.0, 18.0, 6.0
@@ -75,7 +75,17 @@ def _panels(
         )
         for key, (x, y) in axes.items()
     }  # fmt: skip
-    return to_one_scale(placed, layout)
+    return {
+        key: _to_scale(panel) if (layout.get(f"yaxis{key[1][1:]}") or {}).get("constrain") == "domain" else panel
+        for key, panel in placed.items()
+    }
+
+
+def _to_scale(panel: Panel) -> Panel:
+    """Panel with as many units a pixel across as up: its ranges as they are, and less width or height."""
+    across, up = abs(panel.x.high - panel.x.low), abs(panel.y.high - panel.y.low)
+    scale = max(across / panel.width, up / panel.height)
+    return replace(panel, width=across / scale, height=up / scale)
 
 
 def _axes(

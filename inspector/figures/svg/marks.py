@@ -13,7 +13,6 @@ from inspector.figures.svg.axis import Axis
 from inspector.figures.svg.text import hover, number
 
 Trace = Mapping[str, Any]
-_ONLY_ON_SCREEN = "<br>double-click: show all"  # of a hover text
 _CORNERS = {  # of markers, over half their size: to the right and down
     "square": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
     "diamond": ((0, -1.25), (1.25, 0), (0, 1.25), (-1.25, 0)),
@@ -54,16 +53,15 @@ def drawn(trace: Trace, before: Trace | None, panel: Panel) -> str:
     return kinds[str(trace.get("type", "scatter"))]()
 
 
-def symbol(kind: str, x: float, y: float, size: float, colour: str, *, title: str = "", opacity: float = 1.0) -> str:
+def symbol(kind: str, x: float, y: float, size: float, colour: str, *, title: str = "") -> str:
     """SVG of a plotly marker: a circle, a diamond, a square, or a dash ("line-ns", "line-ew")."""
-    faint = f' opacity="{opacity:g}"' if opacity < 1.0 else ""
     if kind == "circle":
-        shape = f'<circle cx="{number(x)}" cy="{number(y)}" r="{number(0.5 * size)}" fill="{colour}"{faint}'
+        shape = f'<circle cx="{number(x)}" cy="{number(y)}" r="{number(0.5 * size)}" fill="{colour}"'
     else:
         corners = _CORNERS.get(kind, _CORNERS["diamond"])
         places = " ".join(f"{number(x + 0.5 * size * u)},{number(y + 0.5 * size * v)}" for u, v in corners)
         width = f' stroke="{colour}" stroke-width="{_LINE_PX[kind]}"' if kind in _LINE_PX else ""
-        shape = f'<polygon points="{places}" fill="{colour}"{width}{faint}'
+        shape = f'<polygon points="{places}" fill="{colour}"{width}'
     return f"{shape}>{title}</{shape[1:].split(' ')[0]}>" if title else f"{shape}/>"
 
 
@@ -99,14 +97,10 @@ def _line(trace: Trace, panel: Panel) -> str:
     line = trace.get("line") or {}
     if "lines" not in str(trace.get("mode", "")) or not line.get("width", 2):
         return ""
-    title = (
-        hover(trace.get("hovertemplate"), {}) if "markers" not in str(trace["mode"]) and len(trace["x"]) == 2 else ""
-    )
-    path = (
+    return (
         f'<path d="{_path(_places(trace, panel))}" fill="none" stroke="{line_colour(trace)}" '
-        f'stroke-width="{line.get("width", 2):g}" stroke-linejoin="round"{DASHES.get(str(line.get("dash", "")), "")}'
+        f'stroke-width="{line.get("width", 2):g}" stroke-linejoin="round"{DASHES.get(str(line.get("dash", "")), "")}/>'
     )
-    return f"{path}>{title}</path>" if title else f"{path}/>"
 
 
 def _band(trace: Trace, before: Trace | None, panel: Panel) -> str:
@@ -141,12 +135,9 @@ def _points(trace: Trace, panel: Panel) -> str:
     for k, (x, y) in enumerate(_places(trace, panel)):
         if math.isnan(x) or math.isnan(y) or sizes[k] <= 0.0:
             continue
-        words = str(texts[k]).removesuffix(_ONLY_ON_SCREEN)
-        values = {"x": trace["x"][k], "y": trace["y"][k], "customdata": told[k], "text": words}
-        title = "" if trace.get("hoverinfo") == "skip" else hover(trace.get("hovertemplate"), values)
-        out.append(
-            symbol(kinds[k], x, y, float(sizes[k]), colour, title=title, opacity=float(marker.get("opacity", 1.0)))
-        )
+        values = {"x": trace["x"][k], "y": trace["y"][k], "customdata": told[k], "text": texts[k]}
+        title = hover(trace.get("hovertemplate"), values)
+        out.append(symbol(kinds[k], x, y, float(sizes[k]), colour, title=title))
     return "".join(out)
 
 
@@ -171,15 +162,13 @@ def _cells(trace: Trace, panel: Panel) -> str:
     """SVG of a matrix, each cell in its colour; cells without a value are left open."""
     rows, columns = len(trace["y"]), len(trace["x"])
     wide, high = panel.width / columns, panel.height / rows
-    told = trace.get("customdata")
     out = []
     for i, row in enumerate(trace["z"]):
         for j, value in enumerate(row):
             if value is None or math.isnan(value):
                 continue
             x, y = panel.at(trace["x"][j], trace["y"][i])
-            more = {"customdata": told[i][j]} if told is not None else {}
-            values = {"x": trace["x"][j], "y": trace["y"][i], "z": value, **more}
+            values = {"x": trace["x"][j], "y": trace["y"][i], "z": value}
             out.append(
                 f'<rect x="{number(x - 0.5 * wide)}" y="{number(y - 0.5 * high)}" width="{wide - 1:.1f}" '
                 f'height="{high - 1:.1f}" fill="{cell_colour(trace, value)}">'

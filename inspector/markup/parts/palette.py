@@ -38,11 +38,6 @@ def rgb(colour: str) -> tuple[int, int, int]:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
-def group_colour(group: int) -> str:
-    """Colour of the plane group with this index; the colours repeat after nine."""
-    return GROUP_COLOURS[group % len(GROUP_COLOURS)]
-
-
 def role_colour(role: str) -> str:
     """Colour of a pose by its role."""
     return ROLE_COLOURS.get(role, UNKNOWN)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import viser
 
 from calib.diagnosis.moves import LeaveOutPoses
 from calib.present.cause.diagnosis import outliers_sentence
+from calib.rendering import numbers
 from calib.rendering.blocks import Paragraph
 from calib.rendering.html import panel
-from inspector.markup.learn.effects import leave_out_label
 from inspector.panels.base import SECONDARY, Actions
 from inspector.session.session import Session
+
+MOST_NAMED = 4  # poses on a button
 
 
 class OutlyingPoses:
@@ -69,3 +73,8 @@ class MovedInstrument:
         if moves:
             self._pose = moves[0].before
             self.button.label = f"New setup from {self._pose} on: the instrument was moved"
+
+
+def leave_out_label(poses: Sequence[str]) -> str:
+    """Label of a button that leaves poses out: "Leave out p33 and p46"."""
+    return f"Leave out {numbers.listing(numbers.first_of(poses, MOST_NAMED))}"

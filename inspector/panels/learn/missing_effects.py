@@ -4,20 +4,42 @@ from __future__ import annotations
 
 import viser
 
-from calib.present.fit.learned import BAND_NOTE, curve_blocks
-from calib.rendering.blocks import Paragraph
+from calib.calibration.result import Calibration
+from calib.diagnosis.advice import Advice
+from calib.diagnosis.effect_selection import SelectedEffect
+from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, ShapeNoise
+from calib.diagnosis.result import Diagnosis
+from calib.planning.discrimination import NextPoses
+from calib.present.cause.candidates import (
+    CANNOT_BE_TESTED,
+    candidate_blocks,
+    fitted_effect,
+    held_out_sentence,
+    nothing_shows,
+    ranking_to_choose_from,
+    ticks_sentence,
+)
+from calib.present.cause.diagnosis import HOW, reasons
+from calib.present.cause.interventions import intervention_sections
+from calib.present.cause.verdict import advice as advice_sentence
+from calib.present.cause.verdict import residual_of, verdict
+from calib.present.effects import not_testable, with_joints
+from calib.present.fit.errors import last_change
+from calib.present.fit.learned import BAND_NOTE, curve_blocks, offered_curves
+from calib.rendering.blocks import Block, Bullets, Folded, Paragraph, Section, Verdict, Words, plain, spans
+from calib.rendering.colours import VERDICT_COLOURS
 from calib.rendering.html import panel
+from calib.screening.candidates import Candidate, Screening
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.residual_plots import added_variable
 from inspector.figures.results.of_results import history_of_model
-from inspector.markup.learn import effects as html
 from inspector.markup.parts import elements
-from inspector.markup.parts.palette import BAD
-from inspector.panels.base import SECONDARY, Actions, ChosenByDataset, by_page, hidden_plot, put
+from inspector.markup.parts.palette import BAD, PROPOSAL
+from inspector.panels.base import SECONDARY, Actions, ChosenByDataset, hidden_plot, on_page, put, relist
 from inspector.panels.input_checks import clamped
-from inspector.panels.learn.measurements import MovedInstrument, OutlyingPoses
+from inspector.panels.learn.measurements import MovedInstrument, OutlyingPoses, leave_out_label
 from inspector.session.session import Session
 from inspector.session.undo import UNDO_STEPS
 from inspector.session.view import View
@@ -27,6 +49,14 @@ REMOVE, UNDO, REDO = "Remove", "Undo", "Redo"
 UNDO_MODEL, REDO_MODEL = "Undo the last change of the model", "Redo a change of the model"
 NONE = "–"
 PANEL_PX = 390  # about as wide is the figure on the page
+NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
+LOOK_CLOSER = " Look at it in the tab Where it fails; an effect of your own can be tested with --effects-file."
+BELOW = (
+    "Below: the residual of each training point, per coordinate, over what the effect would make of it. Points along "
+    "the line speak for it."
+)
+SETTLE = "Plan the poses that settle it"
+MORE = "Plan poses that determine the link errors better"
 
 
 class MissingEffectsPanel:
@@ -71,11 +101,9 @@ class MissingEffectsPanel:
         self._reasons = gui.add_html("")
         self._state = gui.add_html("")
         self._untestable = gui.add_html("")
-        self.between.on_update(
-            lambda e: actions.between(clamped(e.target.value, 0.0, 1.0, 1.0)) if by_page(e) else None
-        )
+        on_page(self.between, lambda value: actions.between(clamped(value, 0.0, 1.0, 1.0)))
         self.find.on_click(lambda _: actions.find(self.find.label == FIND))
-        self.choice.on_update(lambda e: self._chosen_by_hand() if by_page(e) else None)
+        on_page(self.choice, lambda _: self._chosen_by_hand())
         self.follow.on_click(lambda _: actions.follow())
         self.add.on_click(lambda _: actions.add_effect(str(self.choice.value)))
         self.change.on_click(lambda e: self._pressed(str(e.target.value)))
@@ -117,7 +145,7 @@ class MissingEffectsPanel:
 
     def say(self, words_now: str) -> None:
         """Show the current task, or why it is impossible."""
-        self._doing.content = elements.alert(words_now, colour="#56B4E9") if words_now else ""
+        self._doing.content = elements.alert(words_now, colour="#56B4E9")
 
     @property
     def chosen(self) -> str:
@@ -130,13 +158,15 @@ class MissingEffectsPanel:
         self._moves = (undo, redo)
         self._undo.disabled, self._redo.disabled = not undo, not redo
         self.say("")
-        self._own.content = elements.alert(own, colour=BAD) if own else ""
-        self._state.content = html.state_html(session, undo, redo)
+        self._own.content = elements.alert(own, colour=BAD)
+        change = last_change(session.history)
+        self._state.content = panel([change]) if change else elements.note("" if session.history else NOT_YET)
         self.judge(session)
         self.update_figure(view)
         self.update_choice(view)
         screening = session.screening
-        self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
+        untestable = not_testable(screening.untestable if screening else ())
+        self._untestable.content = panel([Section(CANNOT_BE_TESTED, [Bullets(untestable)])])
 
     def judge(self, session: Session) -> None:
         """Show the advised change of the model with its button, or the verdict with its reasons."""
@@ -144,15 +174,15 @@ class MissingEffectsPanel:
         done = session.searched and session.diagnosis is not None
         self.find.color = SECONDARY if session.diagnosis is not None else None
         self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
-        self._reasons.content = html.reasons_html(session.diagnosis, session.next_poses)
-        self._advice.content = html.verdict_html(session.diagnosis, session.next_poses)
+        self._reasons.content = reasons_html(session.diagnosis, session.next_poses)
+        self._advice.content = verdict_html(session.diagnosis, session.next_poses)
         advice = session.advice if session.diagnosis is None and session.screening is not None else None
         self.follow.visible = advice is not None
         self.outliers.update(session, beside_advice=True)
         self.moved.update(session)
         if advice is not None:
-            self._advice.content = html.advice_html(advice)
-            self.follow.label = html.follow_label(advice)
+            self._advice.content = panel([Verdict(advice_sentence(advice), PROPOSAL)])
+            self.follow.label = follow_label(advice)
 
     def update_figure(self, view: View) -> None:
         """Draw the history of the error, and the learned curves where the model has some."""
@@ -184,30 +214,30 @@ class MissingEffectsPanel:
             return
         self._curves.aspect = height_px(len(drawn)) / PANEL_PX
         robot = calibration.model.robot
-        self._curves.figure = joint_curves(drawn, robot, selected=view.joint)
+        self._curves.figure = joint_curves(drawn, robot)
 
     def update_choice(self, view: View) -> None:
         """Mark the chosen effect in the ranking, and describe it."""
         session, name = view.session, self.chosen
         inside = [added.name for added in session.effects]
         screening = session.screening
-        candidate = None if screening is None else html.named(screening, name)
+        candidate = None if screening is None else named(screening, name)
         self._variable.visible = candidate is not None and bool(candidate.members)
         self.add.disabled = name == NONE or name in inside or (candidate is not None and not candidate.members)
         undo, redo = self._moves
         offered = ((REMOVE, name in inside), (UNDO, undo), (REDO, redo))
         buttons = tuple(button for button, does_something in offered if does_something)
         self.change.visible = bool(buttons)
-        if buttons and buttons != tuple(self.change.options):
-            self.change.options = buttons
+        if buttons:
+            relist(self.change, buttons)
         if screening is None:
             self._ranking.content = self._chosen.content = ""
             return
         own = {family.name for family in session.user_effects}
-        self._ranking.content = html.ranking_html(session, name)
+        self._ranking.content = ranking_html(session, name)
         self._chosen.content = ""
         if name != NONE and session.calibration is not None:
-            self._chosen.content = html.chosen_html(name, session, session.calibration, screening, own=name in own)
+            self._chosen.content = chosen_html(name, session, session.calibration, screening, own=name in own)
         if candidate is not None and candidate.members:
             self._variable.figure = added_variable(
                 candidate.explained, screening.projected.residual, name, screening.projected.row_poses
@@ -225,11 +255,84 @@ class MissingEffectsPanel:
         options = tuple(dict.fromkeys([*ranked, *inside])) or (NONE,)
         before = str(self.choice.value)
         before = self._before if before == NONE else before
-        if options != tuple(self.choice.options):
-            self.choice.options = options
+        relist(self.choice, options)
         advised = session.advice.effect if session.advice is not None else ""
         free = before not in (*inside, self._before, self._by_hand)
         if advised in options and free:
             put(self.choice, advised)
         else:
             put(self.choice, before if before in options and before != NONE else options[0])
+
+
+def named(screening: Screening, name: str) -> Candidate | None:
+    """Candidate by its name; None where no candidate has it (the effect may be in the model already)."""
+    return next((c for c in screening.candidates if c.name == name), None)
+
+
+def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
+    """HTML of a diagnosis' verdict in a line or two, and of the next plan."""
+    if diagnosis is None:
+        return ""
+    more = LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
+    words = spans(residual_of(diagnosis), " Verdict: ", verdict(diagnosis), more)
+    plan: Words = ""
+    if next_poses is not None:
+        plan = elements.tab_link("Learn/Plan", f"{SETTLE}.", ask="settle")
+    elif diagnosis.verdict in ("adequate", "named") and diagnosis.held_out_beyond_noise is not None:
+        plan = elements.tab_link("Learn/Plan", f"{MORE}.")
+    return panel([Verdict(words, VERDICT_COLOURS[diagnosis.verdict]), Paragraph(plan, soft=True)])
+
+
+def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
+    """HTML of the reasons for the verdict, a paragraph each."""
+    if diagnosis is None:
+        return ""
+    return panel([Section(HOW, reasons(diagnosis, next_poses)), *intervention_sections(diagnosis)])
+
+
+def follow_label(advice: Advice) -> str:
+    """Label of the button that makes the advised change of the model."""
+    match advice.move:
+        case AddEffect():
+            name = plain(with_joints(SelectedEffect.of(advice.move.candidate)))
+            return f"Put {name} in place of {advice.move.instead_of}" if advice.move.instead_of else f"Add {name}"
+        case AddCurves():
+            return f"Add {plain(with_joints(advice.move.diagnosis.steps[-1].selected[-1]))}"
+        case DropEffect():
+            return f"Remove {advice.effect}"
+        case LeaveOutPoses():
+            return leave_out_label(advice.move.poses)
+        case ShapeNoise():
+            return "Weigh the points by their noise"
+
+
+def ranking_html(session: Session, chosen: str) -> str:
+    """HTML of the candidate effects that explain part of the residual, as rows to click, and of the others' names."""
+    screening = session.screening
+    if screening is None:
+        return ""
+    own = {family.name for family in session.user_effects}
+    likely = None if session.diagnosis is None else session.diagnosis.told_probabilities
+    blocks = ranking_to_choose_from(
+        screening, passed_over=session.left_to_curves, chosen=(chosen,), own=own, likely=likely
+    )
+    notes = f"{ticks_sentence()} {held_out_sentence(screening)} {nothing_shows(screening)}"
+    return panel(
+        [
+            Section("What could be missing: click an effect to choose it", blocks),
+            Folded("What the columns mean", [Paragraph(notes)]),
+        ]
+    )
+
+
+def chosen_html(name: str, session: Session, calibration: Calibration, screening: Screening, *, own: bool) -> str:
+    """HTML on the chosen effect: description, estimated values, and fitted ones where it is in the model."""
+    if name == LEARNED and session.curves is not None:
+        return panel(offered_curves(session.curves, calibration))
+    candidate = named(screening, name)
+    blocks: list[Block] = candidate_blocks(name, candidate, calibration, screening.cv_rmse_mm, own=own)
+    if candidate is not None and candidate.members:
+        blocks.append(Paragraph(BELOW, soft=True))
+    if name != LEARNED and any(added.name == name for added in session.effects):
+        blocks += fitted_effect(name, calibration)
+    return panel(blocks)

@@ -12,6 +12,7 @@ from calib.rendering import html, numbers
 from calib.rendering.blocks import Bullets, Section
 from inspector.figures.plots import error_by_count
 from inspector.markup.parts import elements
+from inspector.markup.parts.palette import FAILED
 from inspector.panels.base import Actions, hidden_plot, offer, put
 from inspector.panels.input_checks import clamped
 from inspector.plugins import PlanFile, contributions
@@ -79,13 +80,12 @@ class PlanPanel:
 
     def say(self, words: str, *, bad: bool = False) -> None:
         """Show the current task, or why it is impossible; "" clears the line."""
-        colour = {} if bad else {"colour": "#56B4E9"}
-        self._doing.content = elements.alert(words, **colour) if words else ""
+        self._doing.content = elements.alert(words, colour=FAILED if bad else "#56B4E9")
 
     def clear(self, words: str = "") -> None:
         """Remove the plan from the tab."""
         self.say("")
-        self._promise.content = elements.note(words) if words else ""
+        self._promise.content = elements.note(words)
         self._poses.content = self._notes.content = ""
         self._plot.visible = False
         self._show_files(False)
@@ -108,7 +108,7 @@ class PlanPanel:
         self._poses.content = html.panel([poses_table(plan, compact=True, mark=planned.pose)])
         notes = assumptions(plan)
         notes += _unfit(plan.start.dataset.robot.is_revolute.tolist())
-        self._notes.content = html.panel([Section("What was assumed", [Bullets(notes)])] if notes else [])
+        self._notes.content = html.panel([Section("What was assumed", [Bullets(notes)])])
 
 
 def plan_files() -> tuple[PlanFile, ...]:

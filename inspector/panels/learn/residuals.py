@@ -13,7 +13,7 @@ from calib.rendering.blocks import Section
 from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, ChangedValues, FollowsModel, by_page, hidden_plot, offer, put
+from inspector.panels.base import Actions, FollowsModel, hidden_plot, offer, on_page, put
 from inspector.panels.learn.measurements import OutlyingPoses
 from inspector.session.view import View
 
@@ -47,25 +47,17 @@ class ResidualsPanel(FollowsModel):
         self._places = hidden_plot(gui, 1.35, "work space")
         self._state = gui.add_html(elements.note(NOT_YET))
         self.outliers = OutlyingPoses(gui, actions)
-        self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
-        self._changed = ChangedValues()
         self._table = gui.add_html("")
-        self._ids: dict[str, str] = {}  # pose id by label
         self._drawn: tuple[object, ...] = ()  # what the figure on show is of
         self._dataset: object = None
         self._of: tuple[Evaluation, PoseErrors] | None = None  # of an earlier version on show
         self._chose = False  # whether a user has chosen what to see of this dataset
-        self.against.on_update(lambda e: self._choose() if by_page(e) else None)
-        self.what.on_update(lambda e: self._choose() if by_page(e) else None)
-        self.worst.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
+        on_page(self.against, lambda _: self._choose())
+        on_page(self.what, lambda _: self._choose())
 
     def _choose(self) -> None:
         self._chose = True
         self._actions.failure()
-
-    def _chosen(self, label: str) -> None:
-        if label in self._ids:
-            self._actions.select_id(self._ids[label])
 
     def choose_joint(self, view: View) -> None:
         """Plot the selected joint's apparent motion against its own angle, where there is a residual."""
@@ -91,7 +83,7 @@ class ResidualsPanel(FollowsModel):
             self._table.content = ""
             if view.session.calibration is None:  # what could be chosen was another dataset's
                 self._state.content = elements.note(NOT_YET)
-                for handle in (self.against, self.what, self.worst):
+                for handle in (self.against, self.what):
                     offer(handle, (NONE,))
             else:
                 self._state.content = elements.note("Being worked out, or too few poses to judge by.")
@@ -132,7 +124,8 @@ class ResidualsPanel(FollowsModel):
             )
             self._drawn = drawing
         self._plot.visible, self._places.visible = not places, places
-        self._show_worst(pose_errors, view)
+        table = worst_poses(pose_errors, WORST, view.pose_id)
+        self._table.content = html.panel([Section("Worst poses, mm in the instrument's frame", [table])])
 
     def _pose_errors(self, view: View) -> PoseErrors | None:
         """Errors of the version on show; None until the model's errors are known."""
@@ -156,16 +149,3 @@ class ResidualsPanel(FollowsModel):
         shown_by = {Channel(joint=j): title for title, j in joints.items()}
         shown_by |= {Channel(axis="xyz"[k]): title for title, k in AXES.items()}
         put(self.what, shown_by.get(first.channel, self.what.value))
-
-    def _show_worst(self, pose_errors: PoseErrors, view: View) -> None:
-        length = dict(zip(pose_errors.pose_ids, pose_errors.error_length_mm, strict=True))
-        role = {i: "test" if t else "training" for i, t in zip(pose_errors.pose_ids, pose_errors.is_test, strict=True)}
-        worst = pose_errors.worst(WORST)
-        labels = {pose_id: f"{pose_id} ({role[pose_id]}) · {length[pose_id]:.3f} mm" for pose_id in worst}
-        self._ids = {label: pose_id for pose_id, label in labels.items()}
-        options = (NONE, *labels.values())
-        if options != tuple(self.worst.options):
-            self.worst.options = options
-        self._changed.put(self.worst, labels.get(view.pose_id, NONE))
-        table = worst_poses(pose_errors, WORST, view.pose_id)
-        self._table.content = html.panel([Section("Worst poses, mm in the instrument's frame", [table])])

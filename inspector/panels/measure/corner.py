@@ -1,13 +1,19 @@
-"""Tab Corner: the intersection of the three faces, and its uncertainty."""
+"""Tab Corner: position, covariance, faces and angles of the corner, or what was found of other targets."""
 
 from __future__ import annotations
 
+import numpy as np
 import viser
 
-from inspector.markup.measure.corner import corner_html
+from calib.present.fit.corners import doubt_blocks, place_table, scan_blocks, search_blocks
+from calib.rendering.blocks import Block, Paragraph, Verdict
+from calib.rendering.colours import BAD
+from calib.rendering.html import panel
+from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions
-from inspector.session.view import View
+from inspector.markup.parts.palette import FACE_COLOURS
+from inspector.panels.base import Actions, relist
+from inspector.session.view import View, corner_of
 
 NOTE = (
     "The corner is where the three faces meet. Its uncertainty is drawn as an ellipsoid, enlarged so that it can be "
@@ -40,8 +46,50 @@ class CornerPanel:
         """Show the selected pose's corner."""
         has_scans = view.session.dataset.scan_folder is not None
         shown = (THIS, ALL, DISTANCES) if has_scans else (POINT, ALL)
-        if shown != tuple(self._show.options):
-            self._show.options = shown
+        relist(self._show, shown)
         faces = view.session.dataset.shows_faces
         self._note.content = elements.note(POINTS_NOTE if not has_scans else NOTE if faces else TARGETS_NOTE)
         self._content.content = corner_html(view)
+
+
+def corner_html(view: View) -> str:
+    """HTML of the whole tab Corner for one pose."""
+    return panel([Paragraph(f"Pose {view.pose_id}", heading=True), *_corner_blocks(view)])
+
+
+def _corner_blocks(view: View) -> list[Block]:
+    found, search = corner_of(view, view.pose), view.search
+    if found is None:
+        if search is not None and search.failure:
+            return [Verdict(f"{'Not found' if isinstance(search, ScanSearch) else 'No corner'}: {search.failure}", BAD)]
+        waiting = view.session.dataset.scan_path(view.pose) is not None
+        return [_note("This scan has not been searched yet." if waiting else "Nothing was measured here.")]
+    xyz, covariance = found
+    corner = None if search is None else search.corner
+    drawn = (
+        f"Drawn {view.factor:g} times larger than one standard deviation (Display → Ellipsoids ×)."
+        if covariance is not None
+        else "Its uncertainty is not known: no covariance in points.csv, no point_sigma_mm in dataset.toml."
+    )
+    what = "point" if view.session.dataset.scan_folder is None else "corner"
+    return [
+        *([] if corner is None else doubt_blocks(corner)),
+        place_table(xyz, covariance),
+        _note(drawn),
+        *([] if search is None or corner is None else search_blocks(search, FACE_COLOURS)),
+        *(scan_blocks(search, _names(view), FACE_COLOURS) if isinstance(search, ScanSearch) else []),
+        _note(f"Click a {what} in the scene to select its pose."),
+    ]
+
+
+def _note(words: str) -> Paragraph:
+    return Paragraph(words, soft=True)
+
+
+def _names(view: View) -> dict[tuple[float, ...], str]:
+    """Names of the selected pose's points by place; equal targets are identified from all poses together."""
+    points = view.session.measured.points
+    if points is None:
+        return {}
+    rows = np.flatnonzero(points.pose == view.pose)
+    return {tuple(points.xyz_mm[row]): str(points.target[row]) for row in rows}

@@ -11,8 +11,10 @@ import viser
 
 from calib.plugins import load
 from calib.rendering import numbers
+from calib.rendering.blocks import Coloured, Facts, Paragraph, Table, Verdict, Words, pose
+from calib.rendering.html import panel
 from calib.scans.scan import Scan
-from inspector.markup.model.comparison import roles_legend
+from inspector.markup.legend import roles_legend
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import Actions, FollowsModel, hidden_plot
@@ -72,7 +74,9 @@ class ScansPanel(FollowsModel):
         by_plugin = shown_pose(view)
         note = NO_SCANS if by_plugin is None else by_plugin.note
         self._note.content = elements.note(NOTE if self._show.visible else note)
-        self._scan.content = elements.heading(f"Pose {view.pose_id}") + scan_facts(view, scan, drawn)
+        failure = Verdict(view.failures.get(view.pose_id, ""), FAILED)
+        facts = Facts(scan_facts(view, scan, drawn))
+        self._scan.content = panel([Paragraph(f"Pose {view.pose_id}", heading=True), failure, facts])
         self.update_image(view)
         self.update_list(view)
 
@@ -86,17 +90,16 @@ class ScansPanel(FollowsModel):
 
     def update_list(self, view: View) -> None:
         """Refresh the table of all poses."""
-        self._all.content = elements.heading("All poses") + roles_legend(view) + pose_table(view)
+        self._all.content = elements.heading("All poses") + roles_legend(view) + panel([pose_table(view)])
 
 
-def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
+def scan_facts(view: View, scan: Scan | None, drawn: int) -> list[tuple[str, object]]:
     """File, size, extent and conditions of the selected pose."""
     dataset, i = view.session.dataset, view.pose
     poses = dataset.poses
     rows: list[tuple[str, object]] = []
-    alert = ""
     if view.pose_id in view.failures:
-        alert = elements.alert(view.failures[view.pose_id])
+        pass  # nothing is known of a scan that could not be read
     elif scan is not None:
         extent = np.ptp(scan.points_mm, axis=0) if len(scan.points_mm) else np.zeros(3)
         rows += [
@@ -110,28 +113,21 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
         rows += known
     elif dataset.scan_folder is not None:
         rows.append(("scan", "none: the point was measured (points.csv)"))
-    joints = zip(dataset.robot.joints, poses.q[i], strict=True)
-    rows.append(
-        (
-            "joints",
-            " · ".join(
-                numbers.signed(np.degrees(q), ".1f") + "°" if j.type == "revolute" else numbers.signed(q, ".1f") + " mm"
-                for j, q in joints
-            ),
-        )
-    )
-    for name, values, unit in (
+    turning = dataset.robot.is_revolute
+    values = np.where(turning, np.degrees(poses.q[i]), poses.q[i])
+    units = np.where(turning, "°", " mm")
+    rows.append(("joints", " · ".join(f"{numbers.signed(q, '.1f')}{u}" for q, u in zip(values, units, strict=True))))
+    for name, column, unit in (
         ("payload", poses.payload_kg, "kg"),
         ("temperature", poses.temperature_c, "°C"),
         ("time", poses.time_s, "s"),
     ):
-        if values is not None:
-            rows.append((name, f"{values[i]:g} {unit}"))
-    rows += [(name, column[i]) for name, column in poses.extra.by_name.items()]
-    return alert + elements.facts(rows)
+        if column is not None:
+            rows.append((name, f"{column[i]:g} {unit}"))
+    return rows + [(name, further[i]) for name, further in poses.extra.by_name.items()]
 
 
-def pose_table(view: View) -> str:
+def pose_table(view: View) -> Table:
     """Table of all poses with their state, the selected one marked."""
     poses, out = view.session.dataset.poses, view.session.uncounted
     searched = view.session.dataset.scan_folder is not None  # else nothing is known of faces and searches
@@ -140,13 +136,10 @@ def pose_table(view: View) -> str:
     rows = []
     for i, (pose_id, role) in enumerate(zip(poses.ids, poses.role, strict=True)):
         search, found = view.session.searches.get(pose_id), corner_of(view, i)
-        known = found is not None and found[1] is not None
-        sigma = numbers.length(float(np.sqrt(np.trace(found[1])))) if known else "–"  # type: ignore[index,arg-type]
-        row: list[object] = [
-            elements.named_swatch(LEFT_OUT if pose_id in out else role_colour(str(role)), pose_id),
-            corner_state(view, i),
-            sigma,
-        ]
+        covariance = None if found is None else found[1]
+        sigma = "–" if covariance is None else numbers.length(float(np.sqrt(np.trace(covariance))))
+        colour = LEFT_OUT if pose_id in out else role_colour(str(role))
+        row: list[Words] = [Coloured(pose_id, colour), corner_state(view, i), sigma]
         if searched:
             corner = None if search is None else search.corner
             row.append("–" if corner is None else numbers.length(max(face.rms_mm for face in corner.faces)))
@@ -154,32 +147,27 @@ def pose_table(view: View) -> str:
         if further is not None:
             row.append(further[1].get(pose_id, "–"))
         rows.append(row)
-    return elements.table(
-        (
-            "pose",
-            "corner" if searched else "point",
-            "sigma, 3D",
-            *(("worst rms", "search, s") if searched else ()),
-            *(() if further is None else (further[0],)),
-        ),
+    of_scans = ("corner", "sigma, 3D", "worst rms", "search, s") if searched else ("point", "sigma, 3D")
+    return Table(
+        ("pose", *of_scans, *(() if further is None else (further[0],))),
         rows,
-        left=2,
+        left=(0, 1),
         mark=view.pose,
         height="max(240px, calc(100vh - 400px))",
-        asks=[elements.asking("pose", pose_id) for pose_id in poses.ids],
+        rows_select=[pose(pose_id) for pose_id in poses.ids],
     )
 
 
-def corner_state(view: View, pose: int) -> elements.Html | str:
+def corner_state(view: View, pose: int) -> Words:
     """State of a pose's corner in a word or two."""
     if view.session.dataset.poses.ids[pose] in view.session.uncounted:
-        return elements.named_swatch(LEFT_OUT, "left out")
+        return Coloured("left out", LEFT_OUT)
     search = view.session.searches.get(view.session.dataset.poses.ids[pose])
     if search is not None and search.failure:
-        return elements.named_swatch(FAILED, "failed")
+        return Coloured("failed", FAILED)
     if search is not None and search.corner is not None:
         doubts = len(search.corner.quality.doubts())
-        return elements.named_swatch(DOUBT, numbers.count(doubts, "doubt")) if doubts else "found"
+        return Coloured(numbers.count(doubts, "doubt"), DOUBT) if doubts else "found"
     if corner_of(view, pose) is not None:
         return "measured" if search is None else "found"
     return "waiting" if view.session.dataset.scan_path(pose) is not None else "none"

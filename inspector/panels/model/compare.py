@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
 import viser
 
 from calib.array_types import Array
 from calib.calibration.model_versions import VERSIONS
-from inspector.markup.model.comparison import distance_html, exaggeration, figures_html, pose_html
+from calib.present.fit.errors import errors_by_version, pose_error_by_version
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Facts, Paragraph, Section
+from calib.rendering.colours import DOUBT
+from calib.rendering.html import panel
+from calib.statistics import rms
+from inspector.markup.legend import distance_bar
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, ChangedValues, by_page, put
+from inspector.markup.parts.palette import FACE_COLOURS, MODEL_COLOURS
+from inspector.panels.base import Actions, ChangedValues, on_page, put, relist
 from inspector.panels.input_checks import one_of
 from inspector.session.view import ALL_POSES, COLOURINGS, FACTORS, View
 
@@ -21,6 +29,8 @@ NOTE = (
 )
 AUTOMATIC = "automatic"
 SHOW_ARM, SHOW_DISTANCE = "Arm and arrows", "Jig over scan"
+RMSE, ROLES_NOTE = "3D errors, mm: RMSE and largest", "Training poses are fitted; test poses are only predicted."
+ERROR_OF_NONE = "This pose is left out of fits and tests, so it has no error."
 NOT_YET = "Nothing to compare yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 
 
@@ -58,12 +68,12 @@ class ComparePanel:
         self._connect(actions)
 
     def _connect(self, a: Actions) -> None:
-        self.version.on_update(lambda e: a.version(str(e.target.value)) if by_page(e) else None)
-        self.colouring.on_update(lambda e: a.colouring(str(e.target.value)) if by_page(e) else None)
+        on_page(self.version, lambda value: a.version(str(value)))
+        on_page(self.colouring, lambda value: a.colouring(str(value)))
         for name, box in self.shown.items():
-            box.on_update(partial(_ticked, a, name))
-        self.pairs.on_update(lambda e: a.pairs(str(e.target.value)) if by_page(e) else None)
-        self.arrows.on_update(lambda e: a.arrows(_factor(e.target.value)) if by_page(e) else None)
+            on_page(box, partial(a.prediction, name))
+        on_page(self.pairs, lambda value: a.pairs(str(value)))
+        on_page(self.arrows, lambda value: a.arrows(_factor(value)))
 
     def update(self, view: View, problems: tuple[str, ...] = ()) -> None:
         """Show everything except distances, which come with the scan; `problems` lists what cannot be drawn."""
@@ -73,23 +83,22 @@ class ComparePanel:
             self._changed.put(box, name in names and name in view.compared)
         has_scans = view.session.dataset.scan_folder is not None
         self._show.options = (SHOW_ARM, SHOW_DISTANCE) if has_scans else (SHOW_ARM,)
-        if tuple(names or VERSIONS) != tuple(self.version.options):
-            self.version.options = tuple(names or VERSIONS)
+        relist(self.version, tuple(names or VERSIONS))
         if view.version is not None:
             self._changed.put(self.version, view.version.name)
         choices = (ALL_POSES, *view.pair_choices)
-        if choices != tuple(self.pairs.options):
-            self.pairs.options = choices
+        relist(self.pairs, choices)
         self.pairs.visible = len(choices) > 1
         self._changed.put(self.pairs, view.pairs if view.pairs in choices else ALL_POSES)
         if self.arrows.value == AUTOMATIC:
             put(self.arrows, f"{view.arrows:g}")
         self._changed.put(self.arrows, f"{view.arrows:g}")
         self._changed.put(self.colouring, view.colouring)
-        self._figures.content = figures_html(view) if names else elements.note(NOT_YET)
+        table = errors_by_version(view.versions, MODEL_COLOURS) if names else None
+        self._figures.content = _section(RMSE, ROLES_NOTE, table) if table else elements.note(NOT_YET)
         self._legend.content = exaggeration(view)
         self._pose.content = pose_html(view)
-        self._problems.content = "".join(elements.alert(p, colour="#E69F00") for p in problems)
+        self._problems.content = "".join(elements.alert(p, colour=DOUBT) for p in problems)
 
     def update_distance(self, view: View, distances_mm: Array | None) -> None:
         """Show distances (N,) of the selected scan to the jig's faces, mm, NaN off the jig; None without a corner."""
@@ -101,6 +110,47 @@ def _factor(value: object) -> float | None:
     return None if value == AUTOMATIC else float(one_of(value, [str(f) for f in FACTORS], "100"))
 
 
-def _ticked(actions: Actions, name: str, event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
-    if by_page(event):
-        actions.prediction(name, bool(event.target.value))
+def exaggeration(view: View) -> str:
+    """HTML on the enlargement of drawn residuals; "" where none are drawn."""
+    if not any(version.name in view.compared for version in view.versions):
+        return ""
+    return elements.note(
+        f"Arrows and predicted points are drawn {view.arrows:g} times farther from the measured points than they are; "
+        "the arm is not exaggerated."
+    )
+
+
+def pose_html(view: View) -> str:
+    """HTML on the selected pose's error in each version."""
+    table = pose_error_by_version(view.versions, view.pose, MODEL_COLOURS)
+    if not table.rows:
+        why = ERROR_OF_NONE if view.pose_id in view.session.uncounted else "No measured point to compare with."
+        return _section(f"Pose {view.pose_id}", why)
+    note = "In the instrument's frame, mean over the pose's points."
+    return _section(f"Pose {view.pose_id}: predicted − measured, mm", note, table)
+
+
+def distance_html(view: View, distances_mm: Array | None) -> str:
+    """HTML on the scan's distances to the three faces found in it, with their colour scale."""
+    if view.session.dataset.scan_folder is None:
+        return ""
+    title = f"Jig over scan {view.pose_id}"
+    if distances_mm is None:
+        return _section(title, "No corner was found in this scan, so there is no place for the jig's model.")
+    known = distances_mm[np.isfinite(distances_mm)]
+    if not len(known):
+        return _section(title, "No point of this scan lies on the jig's faces.")
+    facts = Facts(
+        [
+            ("points on the jig", f"{len(known):,} of {len(distances_mm):,}"),
+            ("rms distance", numbers.length(rms(known))),
+            ("19 in 20 within", f"±{numbers.length(float(np.percentile(np.abs(known), 95)))}"),
+        ]
+    )
+    told = "Positive is outside the jig, towards the scanner. Look for patches of one colour: a bent face."
+    faces = elements.legend((FACE_COLOURS[i], f"model's face {i + 1}") for i in range(3))
+    return _section(title, told, facts) + distance_bar(distances_mm) + faces
+
+
+def _section(title: str, note: str, *blocks: Block) -> str:
+    return panel([Section(title, [*blocks, Paragraph(note, soft=True)])])

@@ -8,18 +8,27 @@ import viser
 
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
+from calib.models.exported_table import exported_table
+from calib.present.fit.calibration import calibration_warnings, fit_facts, parameter_tables
+from calib.present.fit.corners import face_labelling
+from calib.present.fit.errors import error_tables, table_alone
+from calib.rendering.blocks import Block, Facts, Verdict
+from calib.rendering.colours import DOUBT
+from calib.rendering.html import panel
 from inspector.figures.plots import convergence, outline, pose_residuals
-from inspector.markup.model.fit import NO_POSES, errors_html, faces_words, fit_html, parameters_html, what_is_fitted
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, FollowsModel, by_page, hidden_plot, offer, put
+from inspector.markup.parts.palette import ROLE_COLOURS
+from inspector.panels.base import Actions, FollowsModel, hidden_plot, offer, on_page, put
 from inspector.panels.input_checks import one_of
 from inspector.session.measuring import measured_kinds, no_full_poses
+from inspector.session.session import Session
 from inspector.session.view import RESIDUALS, View
 
 NOTE = (
     "Training poses are fitted, test poses only predicted. A test error that stays far above the training error means "
     "too many parameters or physics that is not in the model. Look for single poses that stand out."
 )
+NO_POSES = "pose cannot be fitted: "
 
 
 class FitPanel(FollowsModel):
@@ -45,7 +54,7 @@ class FitPanel(FollowsModel):
         self._fitted: Calibration | None = None  # what the figures are of
         self._busy = False  # whether a fit runs
         self._fresh = ""  # the residual by which another fit would change nothing
-        self.residual.on_update(lambda e: self._enable() if by_page(e) else None)
+        on_page(self.residual, lambda _: self._enable())
         self.calibrate.on_click(lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0])))
 
     def busy(self, busy: bool) -> None:
@@ -97,7 +106,7 @@ class FitPanel(FollowsModel):
         test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.iteration_errors]
         self._convergence.figure = convergence(train, test, what=what_is_fitted(result))
         self._figures.content = errors_html(view.session, result)
-        self._parameters.content = parameters_html(result)
+        self._parameters.content = panel(parameter_tables(result, height="420px"))
         self.update_residuals(view)
 
     def update_faces(self, view: View, problem: str = "") -> None:
@@ -128,3 +137,38 @@ class FitPanel(FollowsModel):
             selected=view.pose_id,
             what=f"{what_is_fitted(result)} error {'before' if before else 'after'}",
         )
+
+
+def faces_words(session: Session) -> str:
+    """Sentence on the orientations available for a fit of full poses, or on what such a fit lacks."""
+    if session.unlabelled:
+        return "pose needs the jig's faces named in the scans, which is done once their corners are found."
+    if "pose" not in measured_kinds(session):
+        if session.dataset.points is None:
+            return "Full poses are not offered: what is scanned is no jig with three faces."
+        return "Full poses are not offered: points.csv has no orientations (qw, qx, qy, qz)."
+    problem = no_full_poses(session)
+    if problem:
+        return NO_POSES + problem.removeprefix(f"dataset {session.dataset.name}: ")
+    if session.face_labels is not None:
+        return f"pose can be fitted: {face_labelling(session.face_labels.labelling)}."
+    return "pose can be fitted: points.csv has orientations."
+
+
+def what_is_fitted(result: Calibration) -> str:
+    """Name of the error that the figures show."""
+    return "distance" if result.residual == "distance" else "3D"
+
+
+def fit_html(result: Calibration) -> str:
+    """HTML on the kind of fit, on how it ended, and on its warnings."""
+    alerts = [Verdict(words, DOUBT) for words in calibration_warnings(result)]
+    return panel([Facts(fit_facts(result)), *alerts])
+
+
+def errors_html(session: Session, result: Calibration) -> str:
+    """HTML of the errors before and after calibration, and of the errors with robot.toml's table alone."""
+    alone: list[Block] = []
+    if session.calibration is not None and session.links_alone is not None:
+        alone = table_alone(exported_table(session.calibration, session.links_alone))
+    return panel([*error_tables(result, ROLE_COLOURS), *alone])

@@ -11,7 +11,7 @@ from calib.present.over_time.comparison import comparison_head, errors, paramete
 from calib.rendering import html
 from inspector.figures.residual_plots import errors_beside
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.panels.base import Actions, hidden_plot, offer, on_page
 from inspector.session.side_by_side import Beside, compared
 from inspector.session.view import View
 
@@ -37,8 +37,8 @@ class SideBySidePanel:
         self._differences = gui.add_html("")
         self._drawn: tuple[object, ...] = ()  # what the figure on show is of
         self._fits: tuple[Calibration | None, ...] = (None, None)
-        self.other.on_update(lambda e: actions.beside() if by_page(e) else None)
-        self.against.on_update(lambda e: actions.beside() if by_page(e) else None)
+        on_page(self.other, lambda _: actions.beside())
+        on_page(self.against, lambda _: actions.beside())
 
     @property
     def chosen(self) -> str:
@@ -47,11 +47,7 @@ class SideBySidePanel:
 
     def offer(self, datasets: tuple[str, ...], versions: tuple[str, ...]) -> None:
         """Update the choices; one that is no longer available becomes NONE."""
-        options = (NONE, *datasets, *(f"{VERSION}{name}" for name in versions))
-        if options != tuple(self.other.options):
-            before = self.chosen
-            self.other.options = options
-            put(self.other, before if before in options else NONE)
+        offer(self.other, (NONE, *datasets, *(f"{VERSION}{name}" for name in versions)))
 
     def say(self, words: str, *, bad: bool = False) -> None:
         """Show why there is nothing to compare yet."""
@@ -62,11 +58,7 @@ class SideBySidePanel:
     def update(self, view: View, one: Beside, other: Beside) -> None:
         """Show both calibrations. Raises FitError for arms that cannot be compared."""
         inputs = {input_title(n, view.session.dataset.robot): n for n in ("order", *one.inputs) if n in other.inputs}
-        options = tuple(inputs) or (NONE,)
-        if options != tuple(self.against.options):
-            before = str(self.against.value)
-            self.against.options = options
-            put(self.against, before if before in options else options[0])
+        offer(self.against, tuple(inputs) or (NONE,))
         title = str(self.against.value)
         drawing = (other.name, title)
         fits = (one.calibration, other.calibration)

@@ -16,7 +16,6 @@ from inspector.app.app import App
 from inspector.app.page.dataset_list import names_of
 from inspector.app.page.tabs import STEPS
 from inspector.app.serving import serving
-from inspector.panels.model.redundancy import ALL, ANGLES, LENGTHS
 from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
 from inspector.session import measuring
 from inspector.session.session import Session
@@ -185,16 +184,9 @@ def test_the_exaggeration_changes_picture_and_words(app: App, page: WireClient) 
     np.testing.assert_allclose(after, before * 10 / old, rtol=1e-5)
 
 
-def test_redundancy_tab_splits_as_park_or_not_and_names_groups(app: App, page: WireClient) -> None:
+def test_redundancy_tab_shows_all_pairs_and_names_groups(app: App, page: WireClient) -> None:
     analysis = session(app).redundancy
-    lengths = sum(unit == "mm" for unit in analysis.units)
-    for choice, size in (
-        (ANGLES, len(analysis.units) - lengths),
-        (ALL, len(analysis.units)),
-        (LENGTHS, lengths),
-    ):
-        page.set("Parameters", choice)
-        page.wait(lambda p, size=size: len(figure(p, "heatmap")[-1]["x"]) == size)  # type: ignore[arg-type, misc]
+    page.wait(lambda p: len(figure(p, "heatmap")[-1]["x"]) == len(analysis.units))
     for group in analysis.groups:
         assert parameter_label(group[-1]) + " are indistinguishable: only " in plain(page)
     assert "a6 and aTCP are indistinguishable: only a6 + aTCP can be known; keep a6." in plain(page)

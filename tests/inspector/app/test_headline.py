@@ -10,7 +10,7 @@ import pytest
 from calib.present.cause.budget import budget_parts
 from calib.present.fit.errors import length
 from inspector.app.app import App
-from inspector.markup.headline import TO_FIND, headline_html
+from inspector.panels.headline import TO_FIND, headline_html
 from inspector.session.loop import FIND, FIT, MEASURE, TAKE, TaskStatus
 from inspector.session.session import Session
 from inspector.session.view import View

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib.rendering import numbers
-from inspector.markup.measure.corner import corner_html
-from inspector.markup.measure.planes import NO_PLANES, planes_html
+from inspector.panels.measure.corner import corner_html
+from inspector.panels.measure.planes import NO_PLANES, planes_html
 from inspector.panels.measure.scans import corner_state
 from inspector.session.measuring import open_session, with_search
 from inspector.session.view import View

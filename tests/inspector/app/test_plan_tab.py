@@ -11,7 +11,7 @@ import pytest
 from calib.dataset.files.folder import write_dataset
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
-from inspector.markup.learn.effects import SETTLE
+from inspector.panels.learn.missing_effects import SETTLE
 from tests.support.app import idle
 from tests.support.browser import node_drawn, open_tab, says
 

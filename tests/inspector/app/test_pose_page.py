@@ -21,7 +21,7 @@ from calib.rendering import numbers
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
-from inspector.export.csv_and_png import corners_csv
+from inspector.export.csv_files import corners_csv
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session

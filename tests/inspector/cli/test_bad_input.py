@@ -72,7 +72,6 @@ def test_simulated_scans_have_noise_that_can_be(tmp_path: Path, arguments: list[
     [
         ["calibrate", "--out"],
         ["calibrate", "--residuals"],
-        ["calibrate", "--force", "--scene"],
         ["calibrate", "--session"],
         ["redundancy", "--out"],
         ["correct", "--joints", "poses.csv", "--out"],

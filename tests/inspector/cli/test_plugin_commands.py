@@ -79,9 +79,9 @@ def brings(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
 
 
 def test_a_command_of_a_plug_in_stands_in_its_place_and_runs(brings: Callable[..., None]) -> None:
-    brings(Command("hello", "elsewhere:HelloOptions", "elsewhere:run_hello", after="verify"))
+    brings(Command("hello", "elsewhere:HelloOptions", "elsewhere:run_hello", after="repeat"))
     names = list(of_commands.commands())
-    assert names[names.index("verify") + 1] == "hello"
+    assert names[names.index("repeat") + 1] == "hello"
     assert printed("hello", "World", code=1) == "Hello, World.\n"
 
 

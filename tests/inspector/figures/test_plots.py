@@ -55,7 +55,7 @@ def test_a_hostile_pose_name_stays_text() -> None:
     bar = pose_residuals([name], ["train"], [0.1]).data[0]
     assert bar.x[0] == html.escape(name)
     assert "<" not in bar.x[0]
-    heatmap = correlation_heatmap((name, "a1"), np.eye(2), no_influence=())
+    heatmap = correlation_heatmap((name, "a1"), np.eye(2))
     assert "<a" not in heatmap.to_json()
 
 

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inspector.figures.residual_plots import places_by_role, residual_against
+from inspector.figures.residual_plots import residual_against
+from inspector.figures.style import figure, scatter
 from inspector.figures.svg.axis import axis_of
 from inspector.figures.svg.figure import svg_of
 from inspector.figures.svg.marks import cell_colour
@@ -37,7 +38,7 @@ def ticks(svg: str, anchor: str) -> dict[float, float]:
 
 def test_points_stand_where_the_axes_say() -> None:
     x, y = [0.0, 1.0, 4.0], [-2.0, 0.5, 3.0]
-    figure = residual_against(
+    drawn = residual_against(
         x,
         y,
         ["a", HOSTILE, "c"],
@@ -46,7 +47,7 @@ def test_points_stand_where_the_axes_say() -> None:
         y_title="error, mm",
         band=(-1.0, 1.0),
     )
-    svg = svg_of(figure, WIDTH, HEIGHT, name="f", title=HOSTILE)
+    svg = svg_of(drawn, WIDTH, HEIGHT, name="f", title=HOSTILE)
     across, up = ticks(svg, "middle"), ticks(svg, "end")
     fit_x, fit_y = (np.polyfit(list(of), list(of.values()), 1) for of in (across, up))
     points = [circle for circle in parsed(svg).iter("circle") if circle.find("title") is not None]
@@ -83,20 +84,15 @@ def test_words_of_plotly_become_plain_words() -> None:
     assert hover(None, {}) == ""
 
 
-def test_two_views_have_one_scale_and_numbers_below_the_lower_one() -> None:
-    place = np.array([[0.0, 0.0, 0.0], [1000.0, 200.0, 300.0]])
-    drawn = places_by_role(place, ["a", "b"], ["train", "train"])
-    picture = parsed(svg_of(drawn, 800, 600, name="views", title="views"))
-    marks = [circle for circle in picture.iter("circle") if circle.find("title") is not None]
-    at = [(float(circle.get("cx", "")), float(circle.get("cy", ""))) for circle in marks]
-    (x0, y0), (x1, y1), (u0, v0), (u1, v1) = at
-    per_mm = (x1 - x0) / 1000.0
-    assert (u0, u1) == (x0, x1)
-    assert (y0 - y1) / 200.0 == pytest.approx(per_mm, rel=1e-2)
-    assert (v0 - v1) / 300.0 == pytest.approx(per_mm, rel=1e-2)
-    words = ["".join(text.itertext()) for text in picture.iter("text")]
-    assert words.count("x of the base, mm") == 1
-    assert words.count("500") == 1
+def test_a_panel_of_one_scale_has_as_many_pixels_a_unit_across_as_up() -> None:
+    equal = {"range": [0.0, 300.0], "constrain": "domain"}
+    dots = scatter("a", [0.0, 1000.0], [0.0, 200.0], marker={}, hover="%{x}")
+    drawn = figure([dots], xaxis={"range": [0.0, 1000.0]}, yaxis=equal)
+    marks = list(parsed(svg_of(drawn, 800, 600, name="views", title="views")).iter("circle"))
+    (x0, y0), (x1, y1) = (
+        (float(c.get("cx", "")), float(c.get("cy", ""))) for c in marks if c.find("title") is not None
+    )
+    assert (y0 - y1) / 200.0 == pytest.approx((x1 - x0) / 1000.0, rel=1e-2)
 
 
 def test_an_axis_of_one_value_as_small_as_numbers_go_has_ticks() -> None:

@@ -14,7 +14,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.rendering import numbers
 from calib.scans.scan import load_scan
 from inspector.app.app import App
-from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
+from inspector.markup.legend import distance_limit_mm, error_limit_mm
 from inspector.markup.parts.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import BY_ERROR, BY_ROLE, WORST

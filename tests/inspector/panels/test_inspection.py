@@ -15,11 +15,10 @@ from calib.corners.search import CornerSearch
 from calib.scans.scan import Scan, load_scan, write_scan
 from inspector.app.app import App
 from inspector.markup.legend import EMPTY, legend_html
-from inspector.markup.measure.corner import corner_html
-from inspector.markup.measure.planes import NOT_SEARCHED, planes_html
-from inspector.markup.model.comparison import exaggeration
+from inspector.panels.measure.corner import corner_html
+from inspector.panels.measure.planes import NOT_SEARCHED, planes_html
 from inspector.panels.measure.scans import corner_state
-from inspector.report.content import report_of
+from inspector.panels.model.compare import exaggeration
 from inspector.report.report import report_html
 from inspector.session.view import VIEW_LAYERS, VIEWS, View
 from tests.support.app import idle, shows
@@ -130,7 +129,7 @@ def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -
 
 
 def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doubts(app: App) -> None:
-    page = html.unescape(report_html(report_of(app.state.now.session), now=datetime(2024, 5, 1, tzinfo=UTC)))
+    page = html.unescape(report_html(app.state.now.session, now=datetime(2024, 5, 1, tzinfo=UTC)))
     ids = app.state.now.session.dataset.poses.ids
     corner = search(app, NOISY).corner
     assert f"is left out: {search(app, FEW).failure}" in page

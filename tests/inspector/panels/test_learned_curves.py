@@ -11,7 +11,6 @@ from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.app.app import App
 from inspector.figures.curve_plots import CURVE
 from inspector.panels.learn.missing_effects import REDO, REMOVE, UNDO
-from inspector.report.content import report_of
 from inspector.report.report import report_html
 from inspector.session import measuring
 from inspector.session import transitions as sessions
@@ -77,7 +76,7 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
 def test_the_report_has_them_in_a_section_and_no_row_for_each_mode(folder: Path) -> None:
     ranked = sessions.with_screening(sessions.with_calibration(measuring.open_session(folder)))
     added = sessions.with_screening(sessions.with_effect(ranked, LEARNED))
-    without, with_curves = (report_html(report_of(s), now=datetime.now()) for s in (ranked, added))
+    without, with_curves = (report_html(s, now=datetime.now()) for s in (ranked, added))
     assert "Learned curves of the joints" not in without
     assert "Learned curves of the joints" in with_curves
     assert "sin(23 q1)" in with_curves

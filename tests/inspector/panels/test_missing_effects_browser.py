@@ -39,20 +39,16 @@ def steps_drawn(page: Any, count: int) -> None:
 
 def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
     told = answered("diagnose", folder)
-    before, after = (numbers.column_mm(step["test_rmse_mm"]) for step in told["steps"])
-    assert fact(page, "test 3D RMSE") == f"{before} mm"
+    before, after = (step["test_rmse_mm"] for step in told["steps"])
     steps_drawn(page, 2)
     press(page, ADD)
-    says(page, f"+ {HIDDEN}: the error of the held-out test poses falls")
-    assert fact(page, "test 3D RMSE") == f"{after} mm"
-    assert fact(page, "training 3D RMSE") == f"{numbers.column_mm(told['steps'][1]['train_rmse_mm'])} mm"
+    falls = f"+ {HIDDEN}: the error of the held-out test poses falls by {numbers.share(1.0 - after / before)}"
+    says(page, f"{falls}, {numbers.length_change(before, after)}")
     steps_drawn(page, 3)
     press(page, UNDO)
     steps_drawn(page, 2)
-    assert fact(page, "test 3D RMSE") == f"{before} mm"
     press(page, REDO)
     steps_drawn(page, 3)
-    assert fact(page, "test 3D RMSE") == f"{after} mm"
     press(page, REMOVE)
     says(page, "It was needed")
     steps_drawn(page, 4)
@@ -65,8 +61,6 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
     says(page, told["explanation"].split("\n\n")[-1])
     idle(app)
     assert told["verdict"] == "named"
-    assert fact(page, "model") == f"link errors + {HIDDEN} (joints 1, 2, 3, 4, 5 and 6)"
-    assert fact(page, "test 3D RMSE") == f"{numbers.column_mm(told['steps'][-1]['test_rmse_mm'])} mm"
 
 
 def test_nothing_is_cut_off_sideways(page: Any) -> None:

@@ -11,7 +11,7 @@ import pytest
 from calib.dataset.files.folder import write_dataset
 from calib.diagnosis.moves import AddEffect
 from inspector.app.app import App
-from inspector.markup.learn.effects import leave_out_label
+from inspector.panels.learn.measurements import leave_out_label
 from tests.support.app import idle, idle_app
 from tests.support.hidden_dataset import UNNAMED, arm
 from tests.support.wire_client import WireClient

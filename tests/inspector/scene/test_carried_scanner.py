@@ -8,7 +8,6 @@ import numpy as np
 
 from calib import calibrate, frames
 from calib.calibration.model_versions import LINKS, NOMINAL, versions
-from inspector.export.glb_scene import scene_glb
 from inspector.markup.legend import legend_html
 from inspector.report.arm_drawing import arm_drawing
 from inspector.scene.arm_shape import arm_of
@@ -34,10 +33,9 @@ def test_the_flange_stays_before_the_scanner_and_the_base_moves() -> None:
     assert np.ptp(bases, axis=0).max() > 100.0
 
 
-def test_report_and_glb_draw_it() -> None:
+def test_the_report_draws_it() -> None:
     nominal, fitted = versions(CALIBRATION)
     assert arm_drawing(nominal, fitted, ("before", "after"), 3).startswith("<svg")
-    assert scene_glb(CALIBRATION, 3, 100.0)[:4] == b"glTF"
 
 
 def test_the_legend_says_from_where_it_is_drawn() -> None:

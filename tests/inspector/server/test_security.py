@@ -21,9 +21,8 @@ import pytest
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.errors import DatasetError
 from inspector.app.app import App
-from inspector.app.controllers import downloads
 from inspector.cli.parser import main
-from inspector.panels.downloads import ITEMS, OWN_FILE, SCREENSHOT
+from inspector.panels.downloads import ITEMS, OWN_FILE
 from tests.support.app import idle, idle_app
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient
@@ -157,7 +156,6 @@ def written() -> Iterator[list[str]]:
 
 @pytest.mark.thorough
 def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(downloads, "RENDER_S", 0.5)  # this page sends no picture
     monkeypatch.setenv("CHROMIUM", str(folder / "no_browser"))  # one would print from a temporary folder
     with written() as paths:
         (folder / "seen").touch()  # the watch itself works
@@ -168,7 +166,7 @@ def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, mon
         for uuid in list(page.gui):
             for value in rng.permutation(np.array(garbage, dtype=object))[:4]:
                 page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
-        made = [name for name in ITEMS if name not in (SCREENSHOT, OWN_FILE)]  # no URDF was kept here
+        made = [name for name in ITEMS if name != OWN_FILE]  # no URDF was kept here
         idle(app)  # a button pressed among the garbage makes its file too
         for name in made:
             page.downloads.clear()
@@ -203,7 +201,7 @@ def test_commands_write_where_they_are_told_and_nowhere_else(folder: Path, tmp_p
     data, out = str(folder / "served" / EVIL), tmp_path / "out"
     commands = [
         ["calibrate", data, "--out", str(out / "robot.toml"), "--residuals", str(out / "r.csv"),
-         "--scene", str(out / "s.glb"), "--session", str(out / "s.json"), "--add", HIDDEN],
+         "--session", str(out / "s.json"), "--add", HIDDEN],
         ["redundancy", data, "--out", str(out / "p.csv")],
         ["report", data, "--out", str(out / "report.html")],
         ["correct", data, "--joints", f"{data}/poses.csv", "--out", str(out / "corrected.csv")],
@@ -217,7 +215,7 @@ def test_commands_write_where_they_are_told_and_nowhere_else(folder: Path, tmp_p
         with written() as paths:
             assert main(command) in (0, 1)
         assert paths == [], command
-    assert {path.suffix for path in out.iterdir()} == {".toml", ".csv", ".glb", ".json", ".html"}
+    assert {path.suffix for path in out.iterdir()} == {".toml", ".csv", ".json", ".html"}
 
 
 @pytest.mark.parametrize("key", ["robot", "poses", "points", "scans"])

@@ -219,7 +219,7 @@ def test_it_reads_the_same_in_words_and_in_the_document(rippled: tuple[Simulated
     assert "To refute it, move joint" in words
     document = json.loads(json.dumps(to_dict(found)))["learned"]["laws"]
     assert document == json.loads(json.dumps(laws_document([law], found.learned.laws)))
-    assert document[0]["words"] == words
+    assert document[0]["words"].startswith(words)
     assert document[0]["tried"] > 1000
     assert words in found.summary()
     assert law_phrase(law, begin="joint") in found.summary()

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -52,8 +51,6 @@ def test_bars_are_the_errors_of_the_poses(fit: Calibration) -> None:
     frame = fit.after.to_frame(fit.dataset).set_index("pose")
     shown = {x: y for trace in figure.data if trace.type == "bar" for x, y in zip(trace.x, trace.y, strict=True)}
     assert shown == pytest.approx(frame["error_mm"].to_dict())
-    before = figures.error_bars(fit, before=True)
-    assert before.data[0].y[0] == fit.before.to_frame(fit.dataset)["error_mm"][0]
     stands_alone(figure, "mm")
 
 
@@ -82,48 +79,16 @@ def test_a_wrong_name_lists_the_right_ones(fit: Calibration, found: Diagnosis) -
     for wrong, says in (
         (lambda: figures.residuals_over(fit, "speed"), r"no input named 'speed'; there are q1, .*torque2"),
         (lambda: figures.residuals_over(fit, "q1", show="w"), "there are length, x, y, z"),
-        (lambda: figures.work_space(fit, show=7), "no joint 7; .* has joints 1 to 6"),
-        (lambda: figures.convergence(fit, what="2D"), "there are 3D and distance"),
-        (lambda: figures.ranking(found, step=9), "no ranking after step 9"),
-        (lambda: figures.added_variable(found, "rust"), "rust is not among the candidates"),
+        (lambda: figures.residuals_over(fit, "q1", show=7), "no joint 7; .* has joints 1 to 6"),
         (lambda: figures.learned_curves(found), "no curves were learned; the model is link errors"),
-        (lambda: figures.to_svg(figures.work_space(fit)), "plotly alone draws points"),
     ):
         with pytest.raises(CalibError, match=says):
             wrong()
 
 
-def test_the_work_space_has_each_pose_at_its_place_in_its_colour(fit: Calibration, dataset: Dataset) -> None:
-    figure = figures.work_space(fit)
-    frame = fit.after.to_frame(dataset).set_index("pose")
-    for trace in figure.data:
-        if trace.ids is not None:
-            np.testing.assert_allclose(list(trace.marker.color), frame.loc[list(trace.ids), "error_mm"])
-    stands_alone(figure, "mm")
-    measured = figures.where_measured(dataset)
-    assert sum(len(trace.x) for trace in measured.data) == 2 * len(dataset.poses)
-    # The scanner sees these places moved as a whole: distances between them are nearly those that were measured.
-    points = dataset.points
-    above, side = (
-        {
-            i: (x, v)
-            for t in measured.data
-            if (t.yaxis or "y") == y
-            for i, x, v in zip(t.customdata, t.x, t.y, strict=True)
-        }
-        for y in ("y", "y2")
-    )
-    place = np.array([[*above[i], side[i][1]] for i in (dataset.poses.ids[k] for k in points.pose)])
-    distances = [np.linalg.norm(np.diff(xyz, axis=0), axis=1) for xyz in (place, points.xyz_mm)]
-    np.testing.assert_allclose(distances[0], distances[1], atol=10.0)
-    stands_alone(measured, "mm")
-
-
 def test_convergence_begins_at_the_nominal_robot_and_ends_at_the_fit(fit: Calibration) -> None:
     test = named(figures.convergence(fit), "test")
     assert (test.y[0], test.y[-1]) == pytest.approx((fit.before.test.rmse_mm, fit.after.test.rmse_mm))
-    distances = named(figures.convergence(fit, what="distance"), "training")
-    assert distances.y[0] == pytest.approx(fit.iteration_errors[0].train_distance_rmse_mm)
     stands_alone(figures.convergence(fit), "mm", "iteration")
 
 
@@ -155,21 +120,6 @@ def test_the_history_tells_the_errors_of_the_steps(found: Diagnosis, fit: Calibr
 def dataset_sigma(dataset: Dataset) -> float:
     assert dataset.scanner.point_sigma_mm is not None
     return dataset.scanner.point_sigma_mm
-
-
-def test_the_ranking_and_one_effect_of_it(found: Diagnosis) -> None:
-    figure = figures.ranking(found)
-    table = found.screenings[0].to_frame().set_index("effect")["log_evidence"]
-    bars = {k: v for t in figure.data if t.type == "bar" for k, v in zip(t.customdata, t.y, strict=True)}
-    assert bars == pytest.approx(table[list(bars)].to_dict())
-    assert set(named(figure, "named by the diagnosis").customdata) == set(found.missing)
-    stands_alone(figure, "log evidence")
-    best = found.missing[0]
-    points = figures.added_variable(found, best).data[0]
-    share = found.candidates[0].explained_share
-    left = np.asarray(points.y) - np.asarray(points.x)
-    assert 1.0 - left @ left / (np.asarray(points.y) @ np.asarray(points.y)) == pytest.approx(share)
-    stands_alone(figures.added_variable(found, best), "σ")
 
 
 @pytest.mark.thorough
@@ -250,22 +200,3 @@ except Exception as error:
         "CalibError inspector.figures.error_bars needs plotly, which is not installed: "
         "pip install 'robot-calibration-inspector[page]'"
     ]
-
-
-def test_a_cell_gets_a_still_picture_beside_what_plotly_makes(
-    fit: Calibration, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PLOTLY_RENDERER", "plotly_mimetype")
-    monkeypatch.setattr("plotly.io.renderers.default", "plotly_mimetype")
-    shown: list[dict[str, object]] = []
-    shell = SimpleNamespace(kernel=object())
-    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))  # type: ignore[arg-type]
-    display = SimpleNamespace(display=lambda bundle, raw: shown.append(bundle))
-    monkeypatch.setitem(sys.modules, "IPython.display", display)  # type: ignore[arg-type]
-    figures.error_bars(fit)._ipython_display_()
-    (bundle,) = shown
-    assert set(bundle) == {"application/vnd.plotly.v1+json", "image/svg+xml"}
-    assert bundle["image/svg+xml"] == figures.to_svg(figures.error_bars(fit))
-    assert set(figures.work_space(fit)._repr_mimebundle_()) == {"application/vnd.plotly.v1+json"}
-    for figure in (figures.error_bars(fit), figures.work_space(fit)):
-        assert "cdn." not in figure._repr_html_()[:2000]

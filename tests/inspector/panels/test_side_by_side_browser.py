@@ -1,8 +1,7 @@
-"""A real browser puts another dataset beside the one on show, and plays the measurement."""
+"""A real browser puts another dataset beside the one on show."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.thorough]
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("beside")
     for dataset in measured_twice(5, {"theta3": np.radians(0.04)}):
-        poses = replace(dataset.poses, time_s=40.0 * np.arange(len(dataset.poses)))
-        write_dataset(replace(dataset, poses=poses), folder / dataset.name)
+        write_dataset(dataset, folder / dataset.name)
     return folder
 
 

@@ -1,12 +1,8 @@
-"""Contents of CSV files of results and of PNG files of pictures; callers write the files."""
+"""Contents of CSV files of results; callers write the files."""
 
 from __future__ import annotations
 
-import io
 import re
-
-import numpy as np
-from numpy.typing import NDArray
 
 from calib.calibration.residual_table import residual_table
 from calib.calibration.result import Calibration
@@ -38,21 +34,3 @@ def file_name(dataset: str, what: str) -> str:
     """File name that every system accepts, made of a dataset's name: "cell_residuals.csv"."""
     safe = re.sub(r"[^A-Za-z0-9-]+", "_", dataset).strip("_")[:NAME_LIMIT]
     return f"{safe or 'dataset'}_{what}"
-
-
-def png(image: NDArray[np.uint8]) -> bytes:
-    """An RGB image (H, W, 3) as a PNG file."""
-    from PIL import Image  # takes a while to load, and only a picture of the page needs it
-
-    file = io.BytesIO()
-    Image.fromarray(image).save(file, "PNG")
-    return file.getvalue()
-
-
-def over(image: NDArray[np.uint8], background: tuple[int, int, int]) -> NDArray[np.uint8]:
-    """RGB image (H, W, 3) made of an RGBA image (H, W, 4) over a background colour; RGB images are unchanged."""
-    if image.shape[2] == 3:
-        return image
-    share = image[..., 3:].astype(float) / 255.0
-    blended = image[..., :3] * share + np.array(background) * (1.0 - share)
-    return np.asarray(np.round(blended), dtype=np.uint8)

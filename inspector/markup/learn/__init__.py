@@ -1,1 +1,0 @@
-"""HTML for the tabs of the step Learn."""
