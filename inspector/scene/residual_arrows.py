@@ -19,7 +19,7 @@ from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 from calib.calibration.model_versions import EFFECTS, Version
 from calib.fitting.observations import Observations
 from calib.rendering import numbers
-from inspector.markup.model.comparison import error_limit_mm
+from inspector.markup.legend import error_limit_mm
 from inspector.markup.parts.colour_scale import ERROR, coloured
 from inspector.markup.parts.palette import CHANGED, MODEL_BEFORE, MODEL_COLOURS, rgb
 from inspector.scene.scene_view import M_PER_MM, Nodes, Pen, SceneView, to_scene
