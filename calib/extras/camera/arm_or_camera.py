@@ -5,10 +5,9 @@ About a fit of full poses, whitened errors y of the board's poses are linear in 
     y = A x - G n - g s + F f + noise
 
 with link errors x, the lens's error n (`ViewPose.by_lens`), the error s of the board's size (places grow by s), and
-the unknown frames, board and tool f. The corners themselves tell of the lens too: with the poses of all views
-eliminated they give n with information S, whatever the arm does. Each hypothesis leaves some of x, n and s at zero
-and gives the others normal priors of a size that is averaged over; the likelihoods of all data, noise up to twice the
-pixels' included, are compared at equal prior odds (MacKay 1992). A lens found from the same images is unknown under
+the unknown frames, board and tool f. Each hypothesis leaves some of x, n and s at zero and gives the others normal
+priors of a size that is averaged over; the likelihoods of all data, noise up to twice the pixels' included, are
+compared at equal prior odds (MacKay 1992). A lens found from the same images is as unknown as they leave it under
 every hypothesis.
 """
 
@@ -26,9 +25,9 @@ from calib.array_types import Array, BoolArray
 from calib.brief import Brief
 from calib.calibration.result import Calibration
 from calib.effects.link_errors import LinkErrors
-from calib.extras.camera.lens import FREE_NAMES, LENS_NAMES
-from calib.extras.camera.observed import CameraViews, camera_of
-from calib.extras.camera.view import ViewPose, lens_equations, pose_of_view
+from calib.extras.camera.lens import FREE_NAMES, Lens
+from calib.extras.camera.observed import camera_of
+from calib.extras.camera.view import pose_of_view
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.scanner_frame import orthonormal
@@ -83,70 +82,73 @@ def arm_or_camera(calibration: Calibration) -> ArmOrCamera | None:
     if set(calibration.options.fixed) & set(calibration.model.robot.parameter_names[:-_OF_TOOL]):  # held by the user
         return None
     observed = Observations.of(dataset, ~dataset.poses.is_test & ~np.isin(dataset.poses.ids, calibration.outliers))
-    observed = replace(observed, points=replace(observed.points.free_of(None), shared=None))
-    points = observed.points
+    points = observed.points.free_of(None)
     views = [camera.of(dataset.poses.ids[pose]) for pose in points.pose]
     shown = [view for view in views if view is not None]
     if points.orientations is None or not points.orientations.known.all() or len(shown) < len(views):
         return None  # a point without corners, or the mean of several
-    starts = frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
-    seen = [pose_of_view(camera.lens, view, start) for view, start in zip(shown, starts, strict=True)]
-    return _compared(calibration, observed, camera, seen)
+    by_lens = points.shared
+    if by_lens is None:
+        starts = frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
+        seen = [pose_of_view(camera.lens, view, start) for view, start in zip(shown, starts, strict=True)]
+        by_lens = np.stack([one.by_lens for one in seen])[:, :, : len(FREE_NAMES)] * _lens_scales(camera.lens)
+    observed = replace(observed, points=replace(points, shared=None))
+    return _compared(calibration, observed, by_lens, lens_is_found=points.shared is not None)
+
+
+def _lens_scales(lens: Lens) -> Array:
+    """Usual sizes (9,) of the errors of a lens's numbers."""
+    fx, fy = lens.numbers[:2]
+    pixels = [_LENS_SHARE * px for px in (fx, fy, lens.width_px, lens.width_px)]
+    return np.array([*pixels, *(_TANGENTIAL if name[0] == "p" else _RADIAL for name in FREE_NAMES[4:])])
 
 
 def _compared(
-    calibration: Calibration, observed: Observations, camera: CameraViews, seen: Sequence[ViewPose]
+    calibration: Calibration, observed: Observations, by_lens: Array, *, lens_is_found: bool
 ) -> ArmOrCamera | None:
-    """Probabilities of the hypotheses; None where that board or camera was moved on the way is likelier than all."""
+    """Probabilities of the hypotheses; None where that board or camera was moved on the way is likelier than all.
+
+    by_lens: changes (M, 6, L) of the poses by the usual errors of the lens, mm and rad, or by one sigma of its own.
+    """
     model, x = calibration.model, calibration.fit.x
     residuals = PoseResiduals(model, with_nominal_scanner_frames(observed, model.placed_robot))
     nuisance = residuals.nuisance(x)
-    y = nuisance.by_parameters @ x - residuals.residual(x)
     links = next(effect for effect in model.effects if isinstance(effect, LinkErrors))
     scale_of = {p.name: p.scale for p in links.parameters}
     of_arm: BoolArray = np.array([p.name in scale_of and not p.name.endswith("TCP") for p in model.parameters])
     scales = np.array([scale_of.get(p.name, 1.0) for p in model.parameters])
     always = np.concatenate([nuisance.by_frames, nuisance.by_parameters[:, ~of_arm]], axis=1)
     basis = orthonormal(always / np.maximum(np.linalg.norm(always, axis=0), 1e-300))
-    of_images, by_images, by_lens = _lens_by_images(camera, seen)
 
-    def apart(columns: Array, rows: Array | None = None) -> Array:
-        below = np.zeros((len(of_images), columns.shape[1])) if rows is None else rows
-        return np.concatenate([columns - basis @ (basis.T @ columns), below])
+    def apart(columns: Array) -> Array:
+        return columns - basis @ (basis.T @ columns)
 
-    places_mm = np.stack([one.camera_T_board[:3, 3] for one in seen])
+    places_mm = observed.points.xyz_mm
     by_size = np.concatenate([_BOARD_SHARE * places_mm, np.zeros_like(places_mm)], axis=1)[:, :, None]
     arm = apart((nuisance.by_parameters * scales)[:, of_arm])
-    lens, size = apart(-residuals.whitened(by_lens), by_images), apart(-residuals.whitened(by_size))
-    data, dof = apart(y[:, None], of_images[:, None])[:, 0], len(y) + len(of_images) - basis.shape[1]
-
-    def evidence(arms: Array, cameras: Array, moves: Sequence[Array] = (np.zeros((len(data), 0)),)) -> float:
-        each = [
-            one
-            for a, c, move in product(arms, cameras, moves)
-            for one in _log_evidences(data, np.concatenate([columns(a, c), move], axis=1), dof)
-        ]
-        return float(np.logaddexp.reduce(each) - np.log(len(each)))
+    lens, size = apart(-residuals.whitened(by_lens)), apart(-residuals.whitened(by_size))
+    data = apart(nuisance.by_parameters @ x - residuals.residual(x))
+    dof = len(data) - basis.shape[1]
 
     def columns(a: float, c: float) -> Array:
         """Of all unknowns in standard deviations of their priors; the board's size is the last."""
-        found_lens = 1.0 if camera.lens_from == "images" else c
-        return np.concatenate([a * arm, found_lens * lens, c * size], axis=1)
+        return np.concatenate([a * arm, (1.0 if lens_is_found else c) * lens, c * size], axis=1)
+
+    def evidence(arms: Array, sides: Array, moves: Sequence[Array] = (np.zeros((len(data), 0)),)) -> float:
+        sets = (np.concatenate([columns(a, c), move], axis=1) for a, c, move in product(arms, sides, moves))
+        each = [one for columns in sets for one in _log_evidences(data, columns, dof)]
+        return float(np.logaddexp.reduce(each) - np.log(len(each)))
 
     none = np.zeros(1)
-    logs = {
-        name: evidence(
-            _ARM_SHARES if name in ("arm", "both") else none, _SIDE_SHARES if name in ("camera", "both") else none
-        )
-        for name in HYPOTHESES
-    }
-    moves = [apart(part) for part in _moves(always, len(seen))]
-    if moves and evidence(_ARM_SHARES, none, moves) > max(logs.values()):
+    shares = product((none, _SIDE_SHARES), (none, _ARM_SHARES))
+    logs = [evidence(arms, sides) for sides, arms in shares]
+    moves = [apart(part) for part in _moves(always, len(observed.points))]
+    if moves and evidence(_ARM_SHARES, none, moves) > max(logs):
         return None
-    whole = np.logaddexp.reduce(list(logs.values()))
+    probabilities = np.exp(logs - np.logaddexp.reduce(logs))
     off, sigma = _last_coefficient(data, columns(1.0, 1.0), dof)
-    probabilities = {name: float(np.exp(value - whole)) for name, value in logs.items()}
-    return ArmOrCamera(probabilities, 1.0 + _BOARD_SHARE * off, _BOARD_SHARE * sigma)
+    of_each = dict(zip(HYPOTHESES, probabilities.tolist(), strict=True))
+    return ArmOrCamera(of_each, 1.0 + _BOARD_SHARE * off, _BOARD_SHARE * sigma)
 
 
 def _moves(always: Array, count: int) -> list[Array]:
@@ -173,21 +175,3 @@ def _last_coefficient(data: Array, columns: Array, dof: int) -> tuple[float, flo
     mean = np.linalg.solve(information, columns.T @ data)
     noise = max(1.0, float(np.sum((data - columns @ mean) ** 2)) / max(dof, 1))
     return float(mean[-1]), float(np.sqrt(noise * np.linalg.inv(information)[-1, -1]))
-
-
-def _lens_by_images(camera: CameraViews, seen: Sequence[ViewPose]) -> tuple[Array, Array, Array]:
-    """What corners tell of the lens whatever the arm does, data (K,) and columns (K, K), and its part in M poses.
-
-    By the usual sizes of a lens's errors; the part (M, 6, K) is of shifts and turns, mm and rad.
-    """
-    free = [LENS_NAMES.index(name) for name in FREE_NAMES]
-    fx, fy = camera.lens.numbers[:2]
-    pixels = [_LENS_SHARE * px for px in (fx, fy, camera.lens.width_px, camera.lens.width_px)]
-    scales = np.array([*pixels, *(_TANGENTIAL if name[0] == "p" else _RADIAL for name in FREE_NAMES[4:])])
-    information, right = lens_equations(seen, free)
-    weight = scales / camera.sigma_px
-    size, ways = np.linalg.eigh(information * np.outer(weight, weight))
-    root = np.sqrt(np.maximum(size, 0.0))
-    inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 1e-9 * root.max())
-    by_lens = np.stack([one.by_lens[:, free] for one in seen]) * scales
-    return inverse * (ways.T @ (right * weight / camera.sigma_px)), root[:, None] * ways.T, by_lens

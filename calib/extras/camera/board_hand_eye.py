@@ -9,6 +9,7 @@ off than the noise of most, in place and in attitude.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ from calib import frames
 from calib.array_types import Array, BoolArray
 from calib.statistics import rms_length
 
+MOUNTS = ("flange", "room")
+"""Where a camera may be."""
 _OF, _TRIES = 4, 150  # poses of a first fit; fits
 MOST = 0.6  # of the poses, whose errors decide
 _FEWEST_DECIDE = 6  # poses, of which a fit to four says something
@@ -119,6 +122,11 @@ def _scale(moved: Array, seen_mm: Array) -> tuple[float, float, float, bool]:
 def misfit_mm(base_T_flange: Array, camera_T_board: Array, *, on_flange: bool, most: float = MOST) -> float:
     """Errors of place and attitude of most of M poses as one number, by which ways of reading the data compare."""
     return _as_one(*_start(base_T_flange, camera_T_board, on_flange, most)[1])
+
+
+def least_misfit_mm(base_T_flange: Array, camera_T_board: Array, mounts: Sequence[str] = MOUNTS) -> float:
+    """The same with the camera where it is less, of some of MOUNTS."""
+    return min(misfit_mm(base_T_flange, camera_T_board, on_flange=mount == MOUNTS[0]) for mount in mounts)
 
 
 def _as_one(off_mm: float, off_rad: float) -> float:

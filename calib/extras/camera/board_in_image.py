@@ -18,7 +18,6 @@ _MARGIN = 0.01  # of the image's width, within which nothing of the board lies
 _MORE_TILT_DEG = 5.0  # than at the measured poses
 _MOST_REFUSED = 0.2  # of the measured poses: whole boards were then not asked for
 _FEWEST = 5
-_ALONG_EDGES = np.linspace(-0.5, 0.5, 5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +25,7 @@ class BoardInImage:
     """A board before a camera, one of them on the flange."""
 
     lens: Lens
-    outline_mm: Array  # (K, 3) in the board's frame
+    corners_mm: Array  # (K, 3) in the board's frame
     placed: BoardHandEye
     least_cosine: float = 0.0  # of the tilt against the line of sight
 
@@ -51,7 +50,7 @@ class BoardInImage:
     def shows_all(self, base_T_flange: Array) -> BoolArray:
         """(N,) whether the whole board is in the image."""
         at = self.placed.predicted(base_T_flange)
-        seen_mm = np.einsum("nij,kj->nki", at[:, :3, :3], self.outline_mm) + at[:, None, :3, 3]
+        seen_mm = np.einsum("nij,kj->nki", at[:, :3, :3], self.corners_mm) + at[:, None, :3, 3]
         before = np.all(seen_mm[:, :, 2] > 1.0, axis=1)
         pixels = project(self.lens, np.where(before[:, None, None], seen_mm, [0.0, 0.0, 1.0]))
         size, margin = np.array(self.lens.size_px), _MARGIN * self.lens.width_px
@@ -76,9 +75,7 @@ def board_in_image(dataset: Dataset, setup: str) -> BoardInImage | None:
     flange = nominal_chain(robot, dataset.poses.q[points.pose]).base_T_flange
     seen = frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)
     placed = board_hand_eye(flange, seen, on_flange=robot.carries_scanner)
-    width_mm, height_mm = 2.0 * np.abs(camera.board_mm[:, :2]).max(axis=0)  # of all corners
-    x, y = (side.ravel() for side in np.meshgrid(_ALONG_EDGES * width_mm, _ALONG_EDGES * height_mm))
-    found = BoardInImage(camera.lens, np.column_stack([x, y, np.zeros(len(x))]), placed)
+    found = BoardInImage(camera.lens, np.unique(camera.board_mm, axis=0), placed)
     if np.mean(~found.shows_all(flange)) > _MOST_REFUSED:
         return None
     steepest = float(np.arccos(np.clip(found.cosines(flange).min(), -1.0, 1.0)))

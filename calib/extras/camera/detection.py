@@ -18,7 +18,7 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.errors import CalibError
 from calib.extras.camera.board import Board
-from calib.extras.camera.lens import FREE_NAMES, Lens, opencv, project
+from calib.extras.camera.lens import FREE_NAMES, Lens, opencv
 from calib.extras.camera.marker_corners import refined_corners
 from calib.extras.camera.observed import IMAGE_SUFFIXES
 from calib.extras.camera.view import View, ViewPose, found_lens, noise_px, pose_of_view
@@ -44,8 +44,7 @@ _DICTIONARIES = {
     "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
 }
 _LENS_ROUNDS = 2  # in which edges are freed of the distortion of a lens that is found from their corners
-_ROUNDS = 3  # in which bad corners are left out
-_FARTHEST = 0.6  # of an image's farthest corner, from which on corners go with it
+_ROUNDS = 4  # in which bad corners are left out
 _FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
 _SAME_RAD = 1e-3  # turns by less are one
 _TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
@@ -205,14 +204,10 @@ def _require_other_count(cv2: ModuleType, board: Board, folder: Path, pictures: 
                 long, short = sorted((meta.shape[0] + 1, meta.shape[1] + 1), reverse=True)
                 counts[(long, short) if board.columns >= board.rows else (short, long)] += 1
     elif board.kind == "charuco":
-        name = _dictionary(cv2, board, _DICTIONARIES[board.kind], pictures)
-        markers = _markers(cv2, name)
-        half = 1 + max((number for picture in pictures for number, _ in markers(picture)), default=-1)
-        for columns in range(3, half):
-            for rows in {2 * half // columns, (2 * half + 1) // columns}:
-                if columns * rows // 2 == half and rows >= 3:
-                    finder = _charuco_finder(cv2, replace(board, columns=columns, rows=rows), name, legacy=False)
-                    counts[columns, rows] = sum(len(finder(picture)[0]) for picture in pictures)
+        columns, rows = board.columns, board.rows
+        for counted in ((columns, rows), (columns + 1, rows + 1), (rows, columns), (rows + 1, columns + 1)):
+            finder = _finder(cv2, replace(board, columns=counted[0], rows=counted[1]), None, pictures)[0]
+            counts[counted] = sum(len(finder(picture)[0]) for picture in pictures)
     (columns, rows), most = next(iter(counts.most_common(1)), ((0, 0), 0))
     if most and (columns, rows) != (board.columns, board.rows):
         kind, _, sizes = board.text.split(":", 2)
@@ -241,15 +236,18 @@ def _finder(
                 "take a board with an odd number of squares along one side and an even one along the other"
             )
         return _checkerboard(cv2, board), ()
+    seen_name = _dictionary(cv2, board, _DICTIONARIES[board.kind], tried)
+    name = (dictionary or seen_name).removeprefix("DICT_")
     notes: tuple[str, ...] = ()
     if dictionary is None:
-        name = _dictionary(cv2, board, _DICTIONARIES[board.kind], tried)
         notes = (f"{board.text}: its markers are of DICT_{name}, by the images",)
-    else:
-        name = dictionary.removeprefix("DICT_")
-        if not hasattr(cv2.aruco, f"DICT_{name}"):
-            known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
-            raise CalibError(f"--dictionary {dictionary}: no such dictionary; there are {', '.join(known)}")
+    elif not hasattr(cv2.aruco, f"DICT_{name}"):
+        known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
+        raise CalibError(f"--dictionary {dictionary}: no such dictionary; there are {', '.join(known)}")
+    elif (shown := [one for one in (name, seen_name) if any(map(_markers(cv2, one), tried))]) == [seen_name]:
+        raise CalibError(
+            f"--dictionary {dictionary}: the images show markers of DICT_{shown[0]} and none of it; give that"
+        )
     if board.kind == "charuco":
         finders = [_charuco_finder(cv2, board, name, legacy) for legacy in (False, True)[: 2 - board.rows % 2]]
         seen = [sum(len(finder(picture)[0]) for picture in tried) for finder in finders]
@@ -432,13 +430,15 @@ class MeasuredViews:
     poses: tuple[ViewPose, ...]
     sigma_px: float
     left_out: Mapping[str, str]  # the reason by the name of the pose
-    bad_corners: int = 0  # that lie far from where all others put them, and are left out
 
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
     """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
     if given is not None and given.size_px != detected.size_px:
-        raise _wrong_resolution(given, detected.size_px)
+        raise CalibError(
+            f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
+            f"{detected.size_px[0]} x {detected.size_px[1]}; calibrate the camera at this resolution, or leave them out"
+        )
     if given is None and (len(detected.views) < _FEWEST_VIEWS or detected.board.is_single):
         why = "of a single marker" if detected.board.is_single else f"{len(detected.views)} images show the board"
         raise CalibError(
@@ -446,61 +446,34 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
             "by --intrinsics FILE, such as ROS's camera_info.yaml"
         )
     views, left_out = detected.views, {}
-    whole = {view.pose: view for view in views}
-    for last in (*[False] * _ROUNDS, True):
+    for _ in range(_ROUNDS):
         lens = given or found_lens(views, detected.size_px)
         both = [_best_poses(lens, view) for view in views]
-        kept, hopeless = _without_bad_corners(lens, [one[0] for one in both], whole)
-        if last or not kept or [len(view.corner) for view in views] == [len(view.corner) for view in kept]:
+        most_px = _FAR_OFF * max(mad_sigma(np.concatenate([one[0].error_px.ravel() for one in both])), 1e-6)
+        kept = []
+        for view, (best, *_) in zip(views, both, strict=True):
+            near = np.linalg.norm(best.error_px, axis=1) <= most_px
+            if len(near) <= _OF_MARKER or near.all():  # of a single marker's corners none can be spared
+                kept.append(view)
+            elif 2 * near.sum() < len(near):
+                left_out[view.pose] = (
+                    "its corners do not lie as on the board: is it blurred, or something in front of it?"
+                )
+            else:
+                kept.append(view.select(near))
+        if not kept or list(map(id, kept)) == list(map(id, views)):
             break
         views = tuple(kept)
-        left_out.update(dict.fromkeys(hopeless, "its corners do not lie as on the board: is something in front of it?"))
     sigma_px = noise_px([one[0] for one in both], len(FREE_NAMES) if given is None else 0)
-    seen = sum(len(view.corner) for view in detected.views if view.pose not in left_out)
-    bad_corners = seen - sum(len(view.corner) for view in views)
     poses = []
     for best, *rivals in both:
         if any(rival.squares - best.squares < _TWO_WAYS * sigma_px**2 for rival in rivals):
             left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
-        else:
+        elif best.view.pose not in left_out:
             poses.append(best)
     if not poses:
         raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
-    return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners)
-
-
-def _wrong_resolution(given: Lens, size_px: tuple[int, int]) -> CalibError:
-    """Error of a lens that is one of other images."""
-    return CalibError(
-        f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
-        f"{size_px[0]} x {size_px[1]}; calibrate the camera at this resolution, or leave them out"
-    )
-
-
-def _without_bad_corners(
-    lens: Lens, poses: Sequence[ViewPose], whole: Mapping[str, View]
-) -> tuple[list[View], list[str]]:
-    """Views without the corners that lie far from where the board's pose puts them, by the median of all errors.
-
-    The farthest go first, as they pull the pose from the others; of the whole view those that fit the pose then come
-    back. Also the poses whose image has too few that do. A single marker keeps its four: none of them can be spared.
-    """
-    most_px = _FAR_OFF * max(mad_sigma(np.concatenate([one.error_px.ravel() for one in poses])), 1e-6)
-    kept, hopeless = [], []
-    for one in poses:
-        view, fewest = whole[one.view.pose], max(_FEWEST, len(one.view.corner) // 2)
-        while len(one.view.corner) > _OF_MARKER and (far_px := np.linalg.norm(one.error_px, axis=1)).max() > most_px:
-            good = far_px <= max(most_px, _FARTHEST * float(far_px.max()))
-            if good.sum() < fewest:
-                hopeless.append(view.pose)
-                break
-            one = pose_of_view(lens, one.view.select(good), one.camera_T_board)
-        else:
-            at = one.camera_T_board
-            off_px = view.pixels - project(lens, view.board_mm @ at[:3, :3].T + at[:3, 3])
-            near = np.linalg.norm(off_px, axis=1) <= most_px
-            kept.append(view.select(near) if len(view.corner) > _OF_MARKER else view)
-    return kept, hopeless
+    return MeasuredViews(lens, tuple(poses), sigma_px, left_out)
 
 
 def _best_poses(lens: Lens, view: View) -> list[ViewPose]:

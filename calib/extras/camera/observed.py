@@ -34,8 +34,8 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".pp
 _VIEWS_FILE = "views.csv"
 _COLUMNS = ("board_x_mm", "board_y_mm", "u_px", "v_px")
 _IN_PIXELS = 4  # of a lens's numbers
+_PIXELS = ("width_px", "height_px", "pixel_sigma_px", *(f"{name}_px" for name in LENS_NAMES[:_IN_PIXELS]))
 _LARGEST_PX = 1e6
-_MOST_SIGMA_PX = 1e3
 
 
 @dataclass(frozen=True)
@@ -73,15 +73,11 @@ class CameraViews(Brief):
 
     def document(self) -> dict[str, Any]:
         """[camera] as a dict for writing; `load_camera` reads it back."""
-        lens = self.lens
-        numbers = dict(zip(LENS_NAMES, lens.numbers, strict=True))
-        document: dict[str, Any] = {"board": self.board, "pixel_sigma_px": self.sigma_px, "lens_from": self.lens_from}
-        document |= {"width_px": lens.width_px, "height_px": lens.height_px}
-        document |= {f"{name}_px": numbers[name] for name in LENS_NAMES[:_IN_PIXELS]}
-        document |= {name: numbers[name] for name in LENS_NAMES[_IN_PIXELS:] if numbers[name] or name in ("k1", "k2")}
-        if self.images is not None:
-            document["images"] = self.images
-        return {key: value for key, value in document.items() if value != ""}
+        lens, numbers = self.lens, dict(zip(LENS_NAMES, self.lens.numbers, strict=True))
+        pixels = (lens.width_px, lens.height_px, self.sigma_px, *lens.numbers[:_IN_PIXELS])
+        bent = {name: numbers[name] for name in LENS_NAMES[_IN_PIXELS:] if numbers[name] or name in ("k1", "k2")}
+        words = {"board": self.board, "lens_from": self.lens_from, "images": self.images}
+        return {name: word for name, word in words.items() if word} | dict(zip(_PIXELS, pixels, strict=True)) | bent
 
     def write(self, folder: Path) -> None:
         """Write views.csv to a dataset's folder."""
@@ -98,16 +94,12 @@ def load_camera(table: TomlTable, folder: Path, poses: Poses) -> CameraViews | N
     """What [camera] and views.csv of a dataset's folder say; None where neither is there. Raises DatasetError."""
     if not table.data:
         return None
-    names = [f"{name}_px" for name in LENS_NAMES[:_IN_PIXELS]]
-    numbers = [table.required_number(name) for name in names]
-    numbers += [table.number(name, 0.0) or 0.0 for name in LENS_NAMES[_IN_PIXELS:]]
-    size = [table.required_number(name) for name in ("width_px", "height_px")]
-    for name, value in zip((*names, "width_px", "height_px"), (*numbers[:_IN_PIXELS], *size), strict=True):
+    named = {name: table.required_number(name) for name in _PIXELS}
+    for name, value in named.items():
         if not (abs(value) < _LARGEST_PX and (value > 0.0 or name in ("cx_px", "cy_px"))):
             raise table.error(name, f"found {value:g}", "a number of pixels is needed")
-    sigma_px = table.required_number("pixel_sigma_px")
-    if not 0.0 < sigma_px <= _MOST_SIGMA_PX:
-        raise table.error("pixel_sigma_px", f"found {sigma_px:g}", "a standard deviation above 0, in pixels, is needed")
+    width, height, sigma_px, *numbers = named.values()
+    numbers += [table.number(name, 0.0) or 0.0 for name in LENS_NAMES[_IN_PIXELS:]]
     file = TableFile.load(folder / _VIEWS_FILE)
     file.require(["pose", "corner", *_COLUMNS])
     ids = file.text("pose")
@@ -119,7 +111,7 @@ def load_camera(table: TomlTable, folder: Path, poses: Poses) -> CameraViews | N
     if images is not None:
         inside(folder, images, table, "images")
     return CameraViews(
-        lens=Lens(int(size[0]), int(size[1]), tuple(map(float, numbers))),
+        lens=Lens(int(width), int(height), tuple(numbers)),
         board=table.text("board", "") or "",
         sigma_px=sigma_px,
         pose=tuple(ids),

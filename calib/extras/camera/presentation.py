@@ -34,45 +34,55 @@ def figures(calibration: Calibration) -> list[FigurePlace]:
 
 def document(calibration: Calibration) -> dict[str, Any]:
     """Keys of `calibrate --json` on reprojection, and on arm or camera."""
+    views, asked = reprojected_views(calibration), arm_or_camera(calibration)
+    size = {} if asked is None else {"board_size": asked.board_size, "board_size_sigma": asked.board_size_sigma}
     return {
-        "reprojection": _reprojection_document(reprojected_views(calibration)),
-        "arm_or_camera": _asked_document(arm_or_camera(calibration)),
+        "reprojection": _reprojection_document(views) if views else None,
+        "arm_or_camera": None if asked is None else {**asked.probabilities, **size},
     }
 
 
 def doubts(calibration: Calibration) -> list[str]:
     """Sentence on a board or lens that is not as it was told, without capital; [] where it may be."""
     asked = arm_or_camera(calibration)
-    return [] if asked is None else _doubts(asked)
+    taken_up = "which the fitted links take up: take neither them nor distances from this fit"
+    if asked is not None and asked.board_is_off:
+        told = f"by arm and camera the board is {_board_size_words(asked)}, {taken_up}"
+        return [f"{told}; measure it and import it again."]
+    if asked is not None and asked.camera_alone_errs:
+        return [
+            f"the camera's side errs, not the arm (probability {asked.probabilities['camera']:.2g}): its lens or the "
+            f"board is not as it was told, {taken_up}; import without --intrinsics, or with those of this camera."
+        ]
+    return []
 
 
 def _reprojection_words(calibration: Calibration, views: tuple[ReprojectedView, ...]) -> str:
     """Clause on the pixels between the corners and where the fit puts them."""
     camera = camera_of(calibration.dataset)
     assert camera is not None
-    fitted = rms_px(tuple(one for one in views if one.role != "test"))
-    test = rms_px(tuple(one for one in views if one.role == "test"))
     worst = max(views, key=lambda one: one.rms_px)
-    each = [f"{value:.3f} pixels at the {what} poses" for value, what in ((fitted, "fitted"), (test, "test")) if value]
+    each = zip(_fitted_and_test_px(views), ("fitted", "test"), strict=True)
+    told = [f"{value:.3f} pixels at the {what} poses" for value, what in each if value]
     return (
-        f"{' and '.join(each)} (RMS per coordinate; the corners' own noise is "
+        f"{' and '.join(told)} (RMS per coordinate; the corners' own noise is "
         f"{camera.sigma_px:.3f}), most at {worst.view.pose}, {worst.rms_px:.3f}"
     )
 
 
-def _reprojection_document(views: tuple[ReprojectedView, ...]) -> dict[str, Any] | None:
-    if not views:
-        return None
+def _fitted_and_test_px(views: tuple[ReprojectedView, ...]) -> list[float | None]:
+    return [rms_px(tuple(one for one in views if (one.role == "test") is is_test)) for is_test in (False, True)]
+
+
+def _reprojection_document(views: tuple[ReprojectedView, ...]) -> dict[str, Any]:
     poses = [
         {"pose": one.view.pose, "role": one.role, "corners": len(one.predicted), "rms_px": one.rms_px} for one in views
     ]
-    return {
-        "train_rms_px": rms_px(tuple(one for one in views if one.role != "test")),
-        "test_rms_px": rms_px(tuple(one for one in views if one.role == "test")),
-        "poses": poses,
-    }
+    fitted, test = _fitted_and_test_px(views)
+    return {"train_rms_px": fitted, "test_rms_px": test, "poses": poses}
 
 
+_HARDLY = 0.005  # probability below which a hypothesis is not told
 _WRONG = {
     "neither": "neither errs beyond the noise",
     "arm": "the arm errs",
@@ -93,26 +103,3 @@ def _board_size_words(asked: ArmOrCamera) -> str:
     """By how much a board is larger or smaller, such as "0.98 ± 0.12 % larger than it was told"."""
     off, sigma = 100.0 * (asked.board_size - 1.0), 100.0 * asked.board_size_sigma
     return f"{abs(off):.2f} ± {sigma:.2f} % {'larger' if off > 0.0 else 'smaller'} than it was told"
-
-
-_HARDLY = 0.005  # probability below which a hypothesis is not told
-
-
-def _asked_document(asked: ArmOrCamera | None) -> dict[str, Any] | None:
-    if asked is None:
-        return None
-    return {**asked.probabilities, "board_size": asked.board_size, "board_size_sigma": asked.board_size_sigma}
-
-
-def _doubts(asked: ArmOrCamera) -> list[str]:
-    """Sentence on a board or lens that is not as it was told, without capital; [] where it may be."""
-    taken_up = "which the fitted links take up: take neither them nor distances from this fit"
-    if asked.board_is_off:
-        told = f"by arm and camera the board is {_board_size_words(asked)}, {taken_up}"
-        return [f"{told}; measure it and import it again."]
-    if asked.camera_alone_errs:
-        return [
-            f"the camera's side errs, not the arm (probability {asked.probabilities['camera']:.2g}): its lens or the "
-            f"board is not as it was told, {taken_up}; import without --intrinsics, or with those of this camera."
-        ]
-    return []

@@ -33,7 +33,7 @@ class View(Brief):
     board_mm: Array  # (N, 3) in the board's frame, about the middle of the whole board
     pixels: Array  # (N, 2)
 
-    def select(self, rows: BoolArray | IndexArray) -> View:
+    def select(self, rows: BoolArray) -> View:
         """Some of its corners."""
         return replace(self, corner=self.corner[rows], board_mm=self.board_mm[rows], pixels=self.pixels[rows])
 

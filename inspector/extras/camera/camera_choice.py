@@ -17,10 +17,6 @@ class CameraAddition(ImportAddition[CameraOptions, ImportOptions]):
 
     def chosen(self, choice: ImportSources) -> ImportSources:
         """What was chosen, with what the camera's options say."""
-        asked = self.asked
-        camera = CameraChoice(
-            asked.images, asked.board, asked.dictionary, asked.intrinsics, asked.marker_poses,
-            asked.mount, self.command.flange_poses,
-        )  # fmt: skip
+        camera = CameraChoice(**vars(self.asked), flange_poses=self.command.flange_poses)
         camera.require_consistent()
         return replace(choice, to_measure=CameraImport(camera)) if camera.is_given else choice

@@ -6,7 +6,6 @@ import plotly.graph_objects as go
 
 from calib.calibration.result import Calibration
 from calib.errors import CalibError
-from calib.extras.camera.observed import camera_of, image_path
 from calib.extras.camera.reprojection import reprojected_views
 from inspector.extras.camera.reprojection_plot import reprojected_corners
 from inspector.figures.results.alone import titled
@@ -24,13 +23,11 @@ def reprojection(calibration: Calibration, pose: str | None = None) -> go.Figure
     Raises CalibError where there is no such image.
     """
     views = reprojected_views(calibration)
-    camera = camera_of(calibration.dataset)
     chosen = [one for one in views if pose is None or one.view.pose == pose]
-    if not chosen or camera is None:
+    if not chosen:
         raise CalibError(
             f"no image of a board {'is fitted' if pose is None else f'at pose {pose!r}'}; see residual pose"
         )
     one = max(chosen, key=lambda view: view.rms_px)
-    image = image_path(calibration.dataset, calibration.dataset.poses.index(one.view.pose))
-    drawn = reprojected_corners(one.view, camera.lens.size_px, one.predicted, image)
+    drawn = reprojected_corners(calibration.dataset, one.view, one.predicted)
     return titled(drawn, f"Reprojection at {one.view.pose}: {calibration.dataset.name}", height_px=_TALL_PX)

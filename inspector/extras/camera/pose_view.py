@@ -52,10 +52,9 @@ class ImageAtPose:
         if seen is None:
             return None
         width, height = self.camera.lens.size_px
-        predicted = None if fitted is None else fitted.predicted
-        image = image_path(self.view.session.dataset, self.view.pose)
         aspect = (height / width * _PLOT_PX + 72) / (_PLOT_PX + 72)  # with room for the axes
-        return reprojected_corners(seen, (width, height), predicted, image), aspect
+        predicted = None if fitted is None else fitted.predicted
+        return reprojected_corners(self.view.session.dataset, seen, predicted), aspect
 
     def facts(self) -> list[tuple[str, object]]:
         """File, corners and reprojection of the image; [] where it does not show the board."""

@@ -11,6 +11,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from calib.array_types import Array
+from calib.dataset.dataset import Dataset
+from calib.extras.camera.observed import camera_of, image_path
 from calib.extras.camera.view import View
 from inspector.figures.style import figure
 
@@ -21,19 +23,17 @@ _JPEG_QUALITY = 75
 _PALE = 0.55  # share of the photograph that shows through, so that corners and arrows stand out
 
 
-def reprojected_corners(
-    view: View, size_px: tuple[int, int], predicted: Array | None = None, image: Path | None = None
-) -> go.Figure:
+def reprojected_corners(dataset: Dataset, view: View, predicted: Array | None = None) -> go.Figure:
     """Corners as seen, with arrows from where a fit puts them, enlarged by a round factor.
 
     The factor stands in the title of x, and the photograph behind the corners.
 
-    Args:
-        view: the corners of one image.
-        size_px: the image's width and height.
-        predicted: (N, 2) pixels, where the fit puts the corners; None where no fit tells.
-        image: the image's file; None, or a file that is no image, for a figure of the corners alone.
+    predicted  # (N, 2) pixels, where the fit puts the corners; None where no fit tells
     """
+    camera = camera_of(dataset)
+    assert camera is not None
+    size_px = camera.lens.size_px
+    image = image_path(dataset, dataset.poses.index(view.pose))
     seen = view.pixels
     words = [f"corner {k}" for k in view.corner.tolist()]
     traces, told = [], ""
@@ -42,17 +42,11 @@ def reprojected_corners(
         length = np.linalg.norm(off, axis=1)
         longest = max(float(length.max()), 1e-9)
         factor = float(10.0 ** np.floor(np.log10(max(_LONGEST_SHARE * size_px[0] / longest, 1.0))))
-        lines_x: list[float | None] = []
-        lines_y: list[float | None] = []
-        for (x0, y0), (x1, y1) in zip((seen - factor * off).tolist(), seen.tolist(), strict=True):
-            lines_x += [x0, x1, None]
-            lines_y += [y0, y1, None]
-        words = [f"{word}: {d:.3f} pixels" for word, d in zip(words, length.tolist(), strict=True)]
+        ends = np.stack([seen - factor * off, seen, np.full_like(seen, np.nan)], axis=1).reshape(-1, 2)
+        lines_x, lines_y = ends.T.tolist()
         told = f"; arrows × {factor:g}"
-        traces.append(
-            {"type": "scatter", "mode": "lines", "x": lines_x, "y": lines_y, "line": {"width": 2, "color": _ARROW},
-             "name": f"error × {factor:g}", "hoverinfo": "skip"}
-        )  # fmt: skip
+        name, colour = f"error × {factor:g}", {"width": 2, "color": _ARROW}
+        traces.append({"type": "scatter", "mode": "lines", "x": lines_x, "y": lines_y, "line": colour, "name": name})
     traces.append(
         {"type": "scatter", "mode": "markers", "x": seen[:, 0].tolist(), "y": seen[:, 1].tolist(),
          "marker": {"size": 5, "color": _CORNER}, "name": "corner", "text": words,

@@ -101,7 +101,14 @@ def flange_poses_dataset(scene: Scene, rng: np.random.Generator, *, sigma_mm: fl
         Rotation.from_rotvec(np.radians(sigma_deg) * rng.normal(size=(len(seen), 3))).as_matrix() @ (seen[:, :3, :3])
     )
     robot, q = cartesian_arm("flange"), joints_of_poses(scene.flanges())
-    given = CameraPoints(scene.names, seen, None, None, None, "flange" if scene.on_flange else "room")
+    given = CameraPoints(
+        scene.names,
+        seen,
+        np.zeros((len(seen), 6, 6)),
+        np.zeros((len(seen), 6, 0)),
+        None,
+        "flange" if scene.on_flange else "room",
+    )
     points = given.settled(robot, scene.names, q, ())
     role = np.array(["reference", *["train"] * (len(q) - 1)])
     poses = Poses(scene.names, role, q, np.full(len(q), ""), scene.names)

@@ -14,7 +14,7 @@ from calib.errors import CalibError
 from calib.extras.camera.importing.camera_views import CameraPoints
 from tests.support.camera_scene import ROBOT_FILE, Scene, flange, transform
 
-POSES = 24
+POSES = 20
 
 
 def noisy(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -41,7 +41,7 @@ def settled(
     scene: Scene, q: np.ndarray, seen: np.ndarray, setups: tuple[str, ...] = (), mount: str | None = None
 ) -> CameraPoints:
     """The board's poses as the import settles them."""
-    given = CameraPoints(scene.names, seen, None, None, None, mount)
+    given = CameraPoints(scene.names, seen, np.zeros((len(seen), 6, 6)), np.zeros((len(seen), 6, 0)), None, mount)
     return given.settled(load_robot_toml(Path(ROBOT_FILE)), scene.names, q, setups)
 
 
@@ -129,10 +129,10 @@ def _moved(scene: Scene, seen: np.ndarray, rng: np.random.Generator) -> np.ndarr
 @pytest.mark.parametrize(
     ("mistake", "says"),
     [
-        ("sign", "joint 3 turns the other way"), ("order", "q4_deg and q5_deg have changed places"),
-        ("zero", "joint 5 is counted from"), ("reversed", "opposite order"), ("step", "out of step"),
-        ("moved", "was moved between poses"),
-        ("size", "times as large"), ("nonsense", "do not belong together"),
+        ("sign", "joint 3 turns the other way"), ("zero", "joint 5 is counted from"), ("step", "out of step"),
+        ("moved", "was moved between poses"), ("size", "times as large"), ("nonsense", "do not belong together"),
+        pytest.param("order", "q4_deg and q5_deg have changed places", marks=pytest.mark.thorough),
+        pytest.param("reversed", "opposite order", marks=pytest.mark.thorough),
     ],
 )  # fmt: skip
 def test_a_mistake_is_told_as_what_it_is(cell, mistake, says):

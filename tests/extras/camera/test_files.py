@@ -199,13 +199,6 @@ def test_a_lens_with_a_zero_is_kept(number, tmp_path):
     assert camera_of(load_dataset(tmp_path / "cell")).lens == lens
 
 
-@pytest.mark.parametrize("suffix", [".yaml", ".xml", ".json"])
-@pytest.mark.parametrize("distortion", [np.zeros((1, 5)), np.zeros((5, 1)), np.zeros((0, 0))])
-def test_a_lens_file_without_distortion_is_read(suffix, distortion, tmp_path):
-    path = _write_lens(tmp_path / f"lens{suffix}", distortion)
-    assert load_lens(path).numbers == (*NUMBERS[:4], *[0.0] * 8)
-
-
 @pytest.mark.parametrize(
     "told", ["{rows: 1, cols: 5, data: [0.0, 0.0, 0, 0, 0]}", "{rows: 0, cols: 0, data: []}", "[]", "0", "null"]
 )

@@ -15,14 +15,11 @@ from tests.support.camera_scene import Scene
 R = Rotation
 FORMS = {  # header, numbers of the attitude, mm in a unit of length
     "kuka": ("X,Y,Z,A,B,C", lambda r: r.as_euler("ZYX", degrees=True), 1.0),
-    "fanuc": ("x,y,z,w,p,r", lambda r: r.as_euler("xyz", degrees=True), 1.0),
     "staubli": ("x,y,z,rx,ry,rz", lambda r: r.as_euler("XYZ", degrees=True), 1.0),
     "kawasaki": ("x,y,z,o,a,t", lambda r: r.as_euler("ZYZ", degrees=True), 1.0),
-    "doosan": ("x_mm,y_mm,z_mm,a_deg,b_deg,c_deg", lambda r: r.as_euler("ZYZ", degrees=True), 1.0),
     "ur": (",".join(f"actual_TCP_pose_{k}" for k in range(6)), lambda r: r.as_rotvec(), 1e3),
     "abb": ("x,y,z,q1,q2,q3,q4", lambda r: np.roll(r.as_quat(), 1, axis=1), 1.0),
     "ros": ("tool_x,tool_y,tool_z,tool_qx,tool_qy,tool_qz,tool_qw", lambda r: r.as_quat(), 1e3),
-    "rpy": ("x_m,y_m,z_m,roll,pitch,yaw", lambda r: r.as_euler("xyz"), 1e3),
     "no header": ("", lambda r: r.as_euler("xyz", degrees=True), 1.0),
     "no header, quaternions": ("", lambda r: r.as_quat(), 1e3),
 }

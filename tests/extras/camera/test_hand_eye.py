@@ -99,33 +99,14 @@ def test_what_all_points_share_is_found_again_from_points_that_are_free_of_it():
     assert kept.free_of(None).xyz_mm == pytest.approx(dataset.points.xyz_mm[rows], abs=1e-9)
 
 
-@pytest.mark.thorough
-def test_held_links_give_a_camera_as_good_as_opencvs_where_the_arm_errs():
-    ours, theirs = [], []
-    for seed in range(3):
-        rng = np.random.default_rng(60 + seed)
-        scene = Scene.draw(rng, on_flange=True, poses=15, link_mm=1.0, link_deg=0.1)
-        dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=true_lens())
-        calibration = calibrate(dataset, residual="pose", fixed=["links"])
-        assert all(name != "links" for name in calibration.options.fixed)
-        assert not np.any(calibration.fit.x[[p.name == "a2" for p in calibration.fit.parameters]])
-        ours.append(place_errors(scene, camera_places(calibration)[0]))
-        robot = np.array([flange(nominal_table(), q) for q in scene.q])
-        points = dataset.points
-        turn, shift = cv2.calibrateHandEye(
-            list(robot[:, :3, :3]), list(robot[:, :3, 3]), list(points.orientations.scanner_R_jig), list(points.xyz_mm),
-            method=cv2.CALIB_HAND_EYE_PARK,
-        )  # fmt: skip
-        off = Rotation.from_matrix(turn @ scene.parent_T_camera[:3, :3].T).as_rotvec()
-        theirs.append(np.concatenate([shift.ravel() - scene.parent_T_camera[:3, 3], off]))
-    rms = [np.sqrt(np.mean(np.square(each), axis=0)) for each in (ours, theirs)]
-    assert np.linalg.norm(rms[0][:3]) < 1.15 * np.linalg.norm(rms[1][:3])
-    assert np.linalg.norm(rms[0][3:]) < 1.15 * np.linalg.norm(rms[1][3:])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("what", "likeliest"), [("nothing", "neither"), ("arm", "arm"), ("lens", "camera"), ("board", "camera")]
+    ("what", "likeliest"),
+    [
+        ("arm", "arm"),
+        ("board", "camera"),
+        *[pytest.param(*each, marks=pytest.mark.thorough) for each in (("nothing", "neither"), ("lens", "camera"))],
+    ],
 )
 def test_the_likeliest_of_arm_and_camera_is_what_was_wrong(what, likeliest):
     rng = np.random.default_rng(21)
@@ -139,23 +120,6 @@ def test_the_likeliest_of_arm_and_camera_is_what_was_wrong(what, likeliest):
     assert found.likeliest == likeliest
     assert sum(found.probabilities.values()) == pytest.approx(1.0)
     assert abs(found.board_size - swell) < 4.0 * found.board_size_sigma
-
-
-@pytest.mark.thorough
-@pytest.mark.timeout(1200)
-@pytest.mark.parametrize("lens_is_given", [True, False])
-@pytest.mark.parametrize("on_flange", [True, False])
-def test_places_of_many_cameras_are_as_certain_as_promised(on_flange, lens_is_given):
-    squares = []
-    for seed in range(40):
-        rng = np.random.default_rng(1000 + seed)
-        scene = Scene.draw(rng, on_flange=on_flange, poses=25)
-        lens = true_lens() if lens_is_given else None
-        dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=lens)
-        (place,) = camera_places(calibrate(dataset, residual="pose", fixed=["links"]))
-        error = place_errors(scene, place)
-        squares.append(error @ np.linalg.solve(place.covariance, error))
-    assert 4.4 < np.mean(squares) < 8.0  # 6 for a covariance that is right; its own sigma is 0.55
 
 
 @pytest.mark.thorough
@@ -207,15 +171,19 @@ def test_text_json_and_file_tell_the_camera_in_the_frame_that_was_asked_for(aske
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("fixed", [["links"], []], ids=["held", "free"])
+@pytest.mark.parametrize(
+    ("link_mm", "lens", "fixed"),
+    [(0.5, true_lens(), ["links"]), (0.5, true_lens(), []), (0.0, None, ["links"])],
+    ids=["held", "free", "exact, lens from images"],
+)
 @pytest.mark.parametrize("on_flange", [True, False])
-def test_places_of_cameras_on_an_arm_that_errs_are_as_certain_as_told(on_flange, fixed):
+def test_places_of_cameras_are_as_certain_as_told(on_flange, link_mm, lens, fixed):
     """Intervals of 90 % of a held arm held the place in 50 to 63 % of cells, of free links on the flange always."""
     off = []
     for seed in range(16):
         rng = np.random.default_rng(3000 + seed)
-        scene = Scene.draw(rng, on_flange=on_flange, poses=20, link_mm=0.5, link_deg=0.1)
-        dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=true_lens())
+        scene = Scene.draw(rng, on_flange=on_flange, poses=20, link_mm=link_mm, link_deg=0.2 * link_mm)
+        dataset = simulated_dataset(scene, BOARD, rng, sigma_px=0.1, lens=lens)
         (place,) = camera_places(calibrate(dataset, residual="pose", fixed=fixed))
         off.append(place_errors(scene, place) / np.sqrt(np.diag(place.covariance)))
     assert np.mean(np.abs(off) < 1.645) > 0.8
@@ -248,7 +216,7 @@ def test_a_board_on_a_flange_may_be_anywhere_however_few_the_poses():
     assert np.linalg.norm(place.board_parent_T_board[:3, 3] - scene.parent_T_board[:3, 3]) < 5.0
 
 
-@pytest.mark.parametrize("moved_mm", [0.0, 1.0])
+@pytest.mark.parametrize("moved_mm", [pytest.param(0.0, marks=pytest.mark.thorough), 1.0])
 def test_a_comparison_tells_whether_the_camera_stands_elsewhere(moved_mm):
     rng = np.random.default_rng(31)
     scene = Scene.draw(rng, on_flange=True, poses=14)

@@ -107,15 +107,19 @@ def test_a_board_of_another_size_or_square_count_is_refused(cell, tmp_path, caps
 
 
 @pytest.mark.slow
-def test_mirrored_images_are_told(cell, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [("mirrored", "mirrored"), ("DICT_6X6_50", "--dictionary DICT_6X6_50: the images show markers of DICT_4X4")],
+)
+def test_images_that_are_mirrored_or_show_another_dictionary_are_told(what, says, cell, tmp_path, capsys):
     folder, _ = cell
     images = tmp_path / "images"
     images.mkdir()
-    for path in sorted((folder / "images").iterdir())[:3]:
-        cv2.imwrite(str(images / path.name), cv2.imread(str(path))[:, ::-1])
-    more = ["--intrinsics", str(folder / "lens.json"), "--dictionary", "DICT_4X4_50"]
-    assert importing(folder, tmp_path / "cell", *more, images=images) == 2
-    assert "mirrored" in capsys.readouterr().err
+    path = folder / "images" / "p1.png"
+    cv2.imwrite(str(images / path.name), cv2.imread(str(path))[:, :: -1 if what == "mirrored" else 1])
+    more = ["--dictionary", what] if what.startswith("DICT") else []
+    assert importing(folder, tmp_path / "cell", "--intrinsics", str(folder / "lens.json"), *more, images=images) == 2
+    assert says in capsys.readouterr().err
 
 
 def test_mistakes_are_told_one_by_one(cell, tmp_path, capsys, monkeypatch):
@@ -148,7 +152,7 @@ def test_mistakes_are_told_one_by_one(cell, tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("on_flange", [True, False])
+@pytest.mark.parametrize("on_flange", [True, pytest.param(False, marks=pytest.mark.thorough)])
 def test_marker_poses_of_another_program_become_a_dataset(tmp_path, capsys, on_flange):
     rng = np.random.default_rng(9)
     scene = Scene.draw(rng, on_flange=on_flange, poses=12)

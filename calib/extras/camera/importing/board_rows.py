@@ -28,7 +28,6 @@ _AS_GOOD = 1.3  # ratio of misfits up to which a simpler mistake explains them a
 _LEAST_SHARE = 0.65  # of the rows, which have to agree
 _MOST_DEG, _MOST_SHARE = 8.0, 0.2  # errors that no arm has: of attitudes; of places, a share of the flange's spread
 _NEARLY_ALL = 0.9  # of the poses before and after a move
-_LATE = 3  # rows at an end that hint at a move
 
 
 def flange_poses(dataset: Dataset) -> Array:
@@ -146,10 +145,10 @@ def bad_rows(dataset: Dataset, fits: Sequence[BoardHandEye]) -> dict[int, str]:
     flange, seen, points = flange_poses(dataset), board_poses(dataset), dataset.points
     assert points is not None
     assert points.orientations is not None
-    own = np.zeros((2, len(points)))  # sigmas of an axis: what is seen badly may be far off
-    if points.covariance_mm2 is not None and points.orientations.covariance_rad2 is not None:
-        both = np.stack([points.covariance_mm2, points.orientations.covariance_rad2])
-        own = np.sqrt(np.trace(both, axis1=2, axis2=3) / 3.0)
+    assert points.covariance_mm2 is not None
+    assert points.orientations.covariance_rad2 is not None
+    both = np.stack([points.covariance_mm2, points.orientations.covariance_rad2])
+    own = np.sqrt(np.trace(both, axis1=2, axis2=3) / 3.0)  # of an axis: what is seen badly may be far off
     out = {}
     for rows, fit in zip(of_setups(dataset), fits, strict=True):
         off = np.stack([np.linalg.norm(error, axis=1) for error in (fit.error_mm, fit.error_rad)])
@@ -162,7 +161,5 @@ def bad_rows(dataset: Dataset, fits: Sequence[BoardHandEye]) -> dict[int, str]:
             mine = bad[fit.agrees(there, seen[bad])]
             for other in owner if np.array_equal(owner, mine) else ():
                 told += f"; it has changed places with {dataset.poses.ids[points.pose[other]]}"
-            if len(bad) >= _LATE and set(bad) in (set(rows[: len(bad)]), set(rows[-len(bad) :])):
-                told += "; all such poses stand at one end: was board or camera moved?"
             out[int(row)] = told
     return out

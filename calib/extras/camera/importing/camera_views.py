@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from calib.dataset_import.pose_names import NameMatch, files_of_rows, matched
 from calib.dataset_import.reading import ImportReport, pose_ids, recognised
 from calib.errors import CalibError
 from calib.extras.camera.board import board_of
-from calib.extras.camera.board_hand_eye import BoardHandEye, misfit_mm
+from calib.extras.camera.board_hand_eye import MOUNTS, BoardHandEye, least_misfit_mm, misfit_mm
 from calib.extras.camera.detection import MeasuredViews, image_files, measured_images
 from calib.extras.camera.importing.board_rows import (
     FEWEST,
@@ -44,11 +44,9 @@ from calib.extras.camera.view import covariance_of, shared_errors
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 from calib.progress import OnProgress
-from calib.statistics import rms
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.user_table import UserTable
 
-MOUNTS = ("flange", "room")
 _AT = {"flange": "on the flange", "room": "in the room"}
 _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
@@ -98,11 +96,11 @@ class CameraPoints:
 
     names: tuple[str, ...]  # (M,) ids of poses
     camera_T_board: Array  # (M, 4, 4)
-    covariance: Array | None  # (M, 6, 6) mm and rad; None where it is not known
-    shared: Array | None  # (M, 6, K)
+    covariance: Array  # (M, 6, 6) mm and rad; 0 where it is not known
+    shared: Array  # (M, 6, K)
     views: CameraViews | None
     mount: str | None
-    notes: tuple[str, ...] = field(default_factory=tuple)
+    notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     point_sigma_mm: float | None = None  # told, or estimated from what a fit leaves
     orientation_sigma_deg: float | None = None  # estimated from that
@@ -113,17 +111,11 @@ class CameraPoints:
         """Measured points for poses with given ids."""
         index = {pose_id: i for i, pose_id in enumerate(ids)}
         row = np.array([index[name] for name in self.names])
-        covariance = self.covariance
-        orientations = Orientations(
-            self.camera_T_board[:, :3, :3],
-            None if covariance is None else covariance[:, 3:, 3:],
-            None if covariance is None else covariance[:, :3, 3:],
-        )
-        return Points(
-            row, self.camera_T_board[:, :3, 3], np.full(len(row), "jig"),
-            None if covariance is None else covariance[:, :3, :3], orientations,
-            shared=None if self.shared is None or not self.shared.shape[2] else self.shared,
-        )  # fmt: skip
+        noise = self.covariance
+        attitudes = Orientations(self.camera_T_board[:, :3, :3], noise[:, 3:, 3:], noise[:, :3, 3:])
+        shared = self.shared if self.shared.shape[2] else None
+        places_mm, names = self.camera_T_board[:, :3, 3], np.full(len(row), "jig")
+        return Points(row, places_mm, names, noise[:, :3, :3], attitudes, shared=shared)
 
     def points_text(self, ids: Sequence[str]) -> str:
         """Text of points.csv."""
@@ -133,9 +125,9 @@ class CameraPoints:
 
     def select(self, rows: Sequence[int]) -> CameraPoints:
         """The same without all poses but some."""
-        covariance, shared = (None if part is None else part[rows] for part in (self.covariance, self.shared))
-        seen, names = self.camera_T_board[rows], tuple(self.names[row] for row in rows)
-        return replace(self, names=names, camera_T_board=seen, covariance=covariance, shared=shared)
+        names = tuple(self.names[row] for row in rows)
+        parts = {name: getattr(self, name)[rows] for name in ("camera_T_board", "covariance", "shared")}
+        return replace(self, names=names, **parts)
 
     def settled(self, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]) -> CameraPoints:
         """The same by the arm as its table has it, see `settled_camera`. Raises CalibError."""
@@ -143,17 +135,12 @@ class CameraPoints:
 
     def scanner_table(self, declared: Mapping[str, Any]) -> dict[str, Any]:
         """[scanner]: the camera's mount, and the noise of its poses where they have no covariances of their own."""
-        sigmas = {
-            "point_sigma_mm": declared.get("point_sigma_mm", self.point_sigma_mm),
-            "orientation_sigma_deg": self.orientation_sigma_deg,
-        }
-        estimated = {"sigmas": "estimated"} if sigmas["point_sigma_mm"] and "point_sigma_mm" not in declared else {}
-        return (
-            {"mount": self.mount or "room"}
-            | ({"kind": "camera"} if self.views is None else {})
-            | estimated
-            | {key: value for key, value in sigmas.items() if value is not None}
-        )
+        table: dict[str, Any] = {"mount": self.mount or "room", **declared}
+        if self.views is None:
+            table |= {"kind": "camera", "orientation_sigma_deg": self.orientation_sigma_deg}
+            if "point_sigma_mm" not in declared:
+                table |= {"point_sigma_mm": self.point_sigma_mm, "sigmas": "estimated"}
+        return table
 
     def write(self, folder: Path, *, with_files: bool) -> dict[str, Any]:
         """Write the corners, and the images if `with_files`; returns [camera] of dataset.toml."""
@@ -228,8 +215,7 @@ def camera_points(
 
 def _told(folder: Path, views: CameraViews, measured: MeasuredViews) -> list[str]:
     """Notes on what was seen, and on the lens."""
-    bad, lens = measured.bad_corners, measured.lens
-    far = f"; {bad} corners far from where the others put them are left out" * (bad > 0)
+    lens = measured.lens
     seen = f"{folder}: {len(measured.poses)} images show {views.board}, {len(views.corner)} corners, "
     if views.lens_from != "images":
         told = f"the lens is that of {views.lens_from}, taken as exact"
@@ -237,7 +223,7 @@ def _told(folder: Path, views: CameraViews, measured: MeasuredViews) -> list[str
         each = zip(LENS_NAMES[:4], lens.numbers, lens.sigmas, strict=False)
         four = ", ".join(f"{name} {value:.2f} ± {error:.2f}" for name, value, error in each)
         told = f"the lens is found from the images: {four} pixels; its errors are unknowns of every fit"
-    return [f"{seen}{measured.sigma_px:.3f} pixels of noise{far}", told]
+    return [f"{seen}{measured.sigma_px:.3f} pixels of noise", told]
 
 
 def _of_marker_poses(path: Path, mount: str | None, table: UserTable, ids: Sequence[str]) -> CameraPoints:
@@ -260,17 +246,15 @@ def _of_marker_poses(path: Path, mount: str | None, table: UserTable, ids: Seque
     readings = tuple(replace(one, base_T_flange=one.base_T_flange[rows]) for one in given.readings)
     names = tuple(ids[found.pose[row]] for row in rows)
     return CameraPoints(
-        names, readings[0].base_T_flange, None, None, None, mount, tuple(notes),
+        names, readings[0].base_T_flange, np.zeros((len(names), 6, 6)), np.zeros((len(names), 6, 0)), None, mount,
+        tuple(notes),
         readings=readings if len(readings) > 1 else (),
     )  # fmt: skip
 
 
 def _read_by_arm(given: CameraPoints, base_T_flange: Array) -> CameraPoints:
     """The same in the reading of its numbers by which the arm misses the board least; the usual one where none does."""
-    off_mm = [
-        min(misfit_mm(base_T_flange, one.base_T_flange, on_flange=mount == "flange") for mount in MOUNTS)
-        for one in given.readings
-    ]
+    off_mm = [least_misfit_mm(base_T_flange, one.base_T_flange) for one in given.readings]
     best = int(np.argmin(off_mm))
     chosen = given.readings[best if _CLEAR * off_mm[best] < off_mm[0] else 0]
     return replace(given, camera_T_board=chosen.base_T_flange, notes=(*given.notes, f"the marker's {chosen.form}"))
@@ -285,13 +269,20 @@ def settled_camera(
     names of the camera's placements, [] for one. Raises CalibError where all contradict the arm, where the board's size
     does, or where the mount is not clear.
     """
-    notes, mount = list(given.notes), given.mount
     if len(given.names) < FEWEST:
         raise CalibError(f"the board is seen at {len(given.names)} poses; {FEWEST} and more are needed, better 20")
+    role = np.array(["reference", *["train"] * (len(ids) - 1)])
+    poses = Poses(tuple(ids), role, q, np.array(setups or [""] * len(ids)), tuple(ids))
+
+    def to_fit(given: CameraPoints) -> Dataset:
+        """What the camera saw, all poses for training, for a fit by which the import judges it."""
+        return Dataset("", replace(robot, carries_scanner=given.mount == "flange"), poses, given.points(ids))
+
+    plain = to_fit(given)
     if given.readings:
-        given = _read_by_arm(given, flange_poses(_to_fit(given, robot, ids, q, setups)))
-        notes = list(given.notes)
-    plain = _to_fit(given, robot, ids, q, setups)
+        given = _read_by_arm(given, flange_poses(plain))
+        plain = to_fit(given)
+    notes, mount = list(given.notes), given.mount
     names = ("the arm's poses", "the images" if given.views is not None else "the marker's poses")
     both = {name: fits_of(plain, on_flange=name == "flange") for name in MOUNTS}
     if not all(both.values()):
@@ -324,8 +315,8 @@ def settled_camera(
     if left_out:
         notes += [f"pose {given.names[row]} is left out: its board is {why}" for row, why in left_out.items()]
         given = given.select([row for row in range(len(given.names)) if row not in left_out])
-    if given.covariance is None:
-        given = _with_noise_of_fit(given, robot, ids, q, setups, both[best])
+    if given.views is None:
+        given = _with_noise_of_fit(given, to_fit, both[best])
         left = "the arm as it was told leaves" if robot.is_cartesian else "a fit of the links leaves"
         notes.append(
             f"the poses' noise is not given: {given.point_sigma_mm:.2g} mm and {given.orientation_sigma_deg:.2g}° per "
@@ -335,22 +326,8 @@ def settled_camera(
     return replace(given, notes=tuple(notes), doubts=() if doubt is None else (doubt,))
 
 
-def _to_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]) -> Dataset:
-    """Dataset of what the camera saw, all poses for training, for a fit by which the import judges it."""
-    robot = replace(robot, carries_scanner=given.mount == "flange")
-    count = len(ids)
-    role = np.array(["reference", *["train"] * (count - 1)])
-    poses = Poses(tuple(ids), role, q, np.array(setups or [""] * count), tuple(ids))
-    return Dataset("import", robot, poses, given.points(ids))
-
-
 def _with_noise_of_fit(
-    given: CameraPoints,
-    robot: Robot,
-    ids: Sequence[str],
-    q: Array,
-    setups: Sequence[str],
-    fits: Sequence[BoardHandEye],
+    given: CameraPoints, to_fit: Callable[[CameraPoints], Dataset], fits: Sequence[BoardHandEye]
 ) -> CameraPoints:
     """Board poses with the covariances that a fit of links, camera and board leaves; of the table's, without one.
 
@@ -360,8 +337,8 @@ def _with_noise_of_fit(
     """
     sight = given.camera_T_board[:, :3, 3] / np.linalg.norm(given.camera_T_board[:, :3, 3], axis=1, keepdims=True)
     along = np.einsum("mi,mj->mij", sight, sight)
-    each = [np.concatenate([getattr(fit, name)[fit.good] for fit in fits]) for name in ("error_mm", "error_rad")]
-    variances = np.repeat([[rms(part) ** 2] for part in each], 2, axis=1)  # of places and attitudes, across and along
+    each = [max(fit.rms_mm for fit in fits), max(fit.rms_rad for fit in fits)]  # across and along the sight alike
+    variances = np.repeat(np.square(each)[:, None] / 3.0, 2, axis=1)
     told_mm = given.point_sigma_mm
     for _ in range(_SIGMA_ROUNDS):
         variances = np.maximum(variances, _LEAST_VARIANCES)
@@ -372,7 +349,7 @@ def _with_noise_of_fit(
         covariance[:, :3, :3], covariance[:, 3:, 3:] = parts
         given = replace(given, covariance=covariance)
         try:
-            fitted = fit_measured(_to_fit(given, robot, ids, q, setups), FitOptions("pose"))
+            fitted = fit_measured(to_fit(given), FitOptions("pose"))
         except CalibError:
             break
         errors = full_pose_errors(fitted).reshape(-1, 2, 3)

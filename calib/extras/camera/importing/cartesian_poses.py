@@ -11,8 +11,8 @@ from calib.dataset_import.columns import Meaning, recognise
 from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.flange_poses import FlangePoses, clear_reading, joints_in_place, readings_of
 from calib.errors import CalibError
-from calib.extras.camera.board_hand_eye import misfit_mm
-from calib.extras.camera.importing.camera_views import MOUNTS, CameraChoice, CameraPoints
+from calib.extras.camera.board_hand_eye import MOUNTS, least_misfit_mm
+from calib.extras.camera.importing.camera_views import CameraChoice, CameraPoints
 from calib.extras.camera.importing.documents import SUFFIXES
 from calib.extras.camera.importing.pose_files import EASY_HANDEYE, FLANGE, PoseFile, poses_of_document
 from calib.kinematics.cartesian import cartesian_arm
@@ -94,10 +94,7 @@ def joints_table(
         readings += [replace(one, form=f"{one.form}, of the base in the flange's frame") for one in inverse]
     mounts = MOUNTS if camera.mount is None else (camera.mount,)
     markers = [one.base_T_flange for one in camera.readings] or [camera.camera_T_board]
-    off_mm = [
-        min(misfit_mm(one.base_T_flange[row], seen, on_flange=at == "flange") for seen in markers for at in mounts)
-        for one in readings
-    ]
+    off_mm = [min(least_misfit_mm(one.base_T_flange[row], seen, mounts) for seen in markers) for one in readings]
     path = arm.table.path
     chosen, note = clear_reading(path, readings, off_mm, "what the camera saw", "the board")
     doubts = []
