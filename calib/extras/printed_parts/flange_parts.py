@@ -49,16 +49,8 @@ class CornerJig:
         ends = apex + np.column_stack([-y, x, -below])
         top = ring(bolts.free_radius_mm, neck_mm)
         body = [hull(ring(bolts.free_radius_mm, PLATE_MM / 2), top), hull(top, ends), hull(ends, apex)]
-        sizes = {
-            "edge_mm": self.edge_mm,
-            "apex_height_mm": apex_mm,
-            "neck_diameter_mm": 2 * bolts.free_radius_mm,
-            "standoff_mm": STANDOFF_MM,
-            "plate_mm": PLATE_MM,
-            "bolt_hole_mm": bolts.hole_mm,
-        }
         point = NamedPoint("apex", (0.0, 0.0, apex_mm))
-        return PrintedPart("corner", _on_flange(bolts, body), sizes, (point,), bolts.name)
+        return PrintedPart("corner", _on_flange(bolts, body), (point,), bolts.name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,15 +101,8 @@ class BallStem:
         cup = hull(
             np.array([[0.0, 0.0, tip_mm]]), ring(2.0 * rim_mm / math.cos(math.pi / SIDES), tip_mm + 2.0 * rim_mm)
         )
-        sizes = {
-            "ball_mm": self.ball_mm,
-            "length_mm": self.length_mm,
-            "cup_diameter_mm": 2 * rim_mm,
-            "plate_mm": PLATE_MM,
-            "bolt_hole_mm": bolts.hole_mm,
-        }
         point = NamedPoint("ball", (0.0, 0.0, self.length_mm))
-        return PrintedPart("stem", _on_flange(bolts, body, cup), sizes, (point,), bolts.name)
+        return PrintedPart("stem", _on_flange(bolts, body, cup), (point,), bolts.name)
 
 
 def _require_neck(bolts: BoltCircle) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from calib.errors import CalibError
@@ -32,7 +31,6 @@ class PrintedPart:
 
     kind: str  # "sockets", "corner" or "stem"
     solid: Mesh
-    sizes: Mapping[str, float]  # chosen and computed, each with its unit in its name
     points: tuple[NamedPoint, ...] = ()
     bolts: str | None = None  # designation of the bolt circle, ISO 9409-1
 

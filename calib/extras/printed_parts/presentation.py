@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from calib.extras.printed_parts.part import PrintedPart
+from calib.present.results import keys_of
 from calib.rendering.blocks import Block, Paragraph, Table
 
 _USES = {
@@ -25,36 +26,23 @@ _USES = {
 
 
 def printed_part_blocks(part: PrintedPart, files: list[str]) -> list[Block]:
-    """Blocks on a part: the files that hold it, its sizes, its points, and its use."""
+    """Blocks on a part: the files that hold it, its size, its points, and its use."""
     x, y, z = part.solid.extents
-    cubic_cm = part.solid.volume / 1e3
     fixed = f", for bolts {part.bolts} (ISO 9409-1)" if part.bolts else ""
-    sizes = [
-        (name.rpartition("_")[0].replace("_", " "), f"{value:.2f}", _unit(name)) for name, value in part.sizes.items()
-    ]
     points = [(point.name, *(f"{value:.3f}" for value in point.xyz_mm)) for point in part.points]
     return [
-        Paragraph(f"{', '.join(files)}: {x:.0f} x {y:.0f} x {z:.0f} mm, {cubic_cm:.0f} cm3{fixed}."),
-        Table(("size", "", "unit"), sizes, left=(0, 2)),
+        Paragraph(f"{', '.join(files)}: {x:.0f} x {y:.0f} x {z:.0f} mm, {part.solid.volume / 1e3:.0f} cm3{fixed}."),
         Table(("point", "x, mm", "y, mm", "z, mm"), points, left=(0,)),
         Paragraph(_USES[part.kind]),
     ]
 
 
-def _unit(name: str) -> str:
-    return "°" if name.endswith("_deg") else "mm"
-
-
 def printed_part_document(part: PrintedPart, files: list[str]) -> dict[str, Any]:
     """A part with the keys of `jig --json`."""
     return {
-        "kind": part.kind,
         "files": files,
-        "bolts": part.bolts,
-        "size_mm": part.solid.extents.tolist(),
+        **keys_of(part, "kind", "bolts", "points"),
+        "size_mm": part.solid.extents,
         "volume_mm3": part.solid.volume,
-        "triangles": len(part.solid.faces),
-        "sizes": dict(part.sizes),
-        "points": [{"name": point.name, "xyz_mm": list(point.xyz_mm)} for point in part.points],
         "use": _USES[part.kind],
     }

@@ -105,13 +105,4 @@ class SocketPlate:
                 for corner in corners
             ),
         ]
-        sizes = {
-            "pitch_mm": self.pitch_mm,
-            "ball_mm": self.ball_mm,
-            "cone_deg": 90.0,
-            "centre_height_mm": self.centre_height_mm,
-            "contact_diameter_mm": 2 * self.contact_mm,
-            "socket_depth_mm": depth_mm,
-            "thickness_mm": float(thickness_mm),
-        }
-        return PrintedPart("sockets", joined([hull(*outline)], pits), sizes, self.centres())
+        return PrintedPart("sockets", joined([hull(*outline)], pits), self.centres())

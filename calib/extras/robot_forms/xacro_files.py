@@ -33,40 +33,28 @@ def read_xacro(path: Path, reading: ReadOptions) -> RobotFile:
             f"{path}: a xacro is a program, which the command line alone runs: `inspector convert {path.name} {urdf}`, "
             f"and give {urdf}"
         )
-    packages = _Packages(path, reading.packages or {})
+    packages = dict(reading.packages or {})
+    for name, folder in packages.items():
+        if not folder.is_dir():
+            raise RobotFileError(f"--package {name}={folder}: is no folder; name that of the package")
     text = _expanded(path, reading.xacro_args, packages)
     file = parse_xml(path.with_name(f"{path.name} (expanded)"), text.encode())
-    return of_urdf(file, path, replace(reading, packages=packages.known))
+    return of_urdf(file, path, replace(reading, packages=packages))
 
 
-class _Packages:
-    """Folders of ROS packages by name: those that were given, and those that were found."""
+def _folder(path: Path, packages: dict[str, Path], name: str) -> Path | None:
+    """Folder of a package: given, with a package.xml above the file, or beside the file or such a folder.
 
-    def __init__(self, path: Path, given: Mapping[str, Path]) -> None:
-        for name, folder in given.items():
-            if not folder.is_dir():
-                raise RobotFileError(f"--package {name}={folder}: is no folder; name that of the package")
-        self.known = {name: folder.resolve() for name, folder in given.items()}
-        self._file = path.resolve()
-
-    def has(self, name: str) -> bool:
-        """Whether a package is given or found."""
-        try:
-            return bool(self.folder(name))
-        except RobotFileError:
-            return False
-
-    def folder(self, name: str) -> str:
-        """Folder of a package: given, with a package.xml above the file, or beside the file or such a folder."""
-        if name not in self.known:
-            above = [folder for folder in self._file.parents if (folder / _PACKAGE).is_file()]
-            named = [folder for folder in above if name in (folder.name, _name_in(folder / _PACKAGE))]
-            beside = [folder.parent / name for folder in above] + [self._file.parent / name]
-            found = next((folder for folder in (*named, *beside) if folder.is_dir()), None)
-            if found is None:
-                raise RobotFileError(f"$(find {name}) is not known; give --package {name}=FOLDER")
-            self.known[name] = found
-        return str(self.known[name])
+    What is found joins the packages that are known.
+    """
+    if name not in packages:
+        above = [folder for folder in path.resolve().parents if (folder / _PACKAGE).is_file()]
+        named = [folder for folder in above if name in (folder.name, _name_in(folder / _PACKAGE))]
+        beside = [folder.parent / name for folder in above] + [path.resolve().parent / name]
+        found = next((folder for folder in (*named, *beside) if folder.is_dir()), None)
+        if found is not None:
+            packages[name] = found
+    return packages.get(name)
 
 
 def _name_in(path: Path) -> str:
@@ -75,7 +63,7 @@ def _name_in(path: Path) -> str:
     return behind.partition("</name>")[0].strip()
 
 
-def _lacking(path: Path, arguments: Mapping[str, str], packages: _Packages) -> list[str]:
+def _lacking(path: Path, arguments: Mapping[str, str], packages: dict[str, Path]) -> list[str]:
     """Options for all packages that are not found and arguments without a value, of a xacro and what it includes."""
     waiting, seen, finds, uses, given = [path], set[Path](), dict[str, None](), dict[str, None](), set(arguments)
     while waiting:
@@ -88,14 +76,12 @@ def _lacking(path: Path, arguments: Mapping[str, str], packages: _Packages) -> l
         uses |= dict.fromkeys(_ARG.findall(text))
         given |= set(_DEFAULT.findall(text))
         for name in _INCLUDE.findall(text):
-            found = _FIND.search(name)
-            if found is None or packages.has(found[1]):
-                waiting.append(at.parent / _FIND.sub(lambda one: packages.folder(one[1]), name))
-    missing = [f"--package {name}=FOLDER" for name in finds if not packages.has(name)]
+            waiting.append(at.parent / _FIND.sub(lambda one: str(_folder(path, packages, one[1])), name))
+    missing = [f"--package {name}=FOLDER" for name in finds if _folder(path, packages, name) is None]
     return missing + [f"--xacro-arg {name}:=VALUE" for name in uses if name not in given]
 
 
-def _expanded(path: Path, arguments: Mapping[str, str], packages: _Packages) -> str:
+def _expanded(path: Path, arguments: Mapping[str, str], packages: dict[str, Path]) -> str:
     """Text of the URDF that a xacro makes; whatever the libraries raise becomes one line. Raises RobotFileError."""
     read_bytes(path)
     if any(find_spec(name) is None for name in ("xacrodoc", "xacro")):
@@ -106,7 +92,13 @@ def _expanded(path: Path, arguments: Mapping[str, str], packages: _Packages) -> 
     import xacro
     import xacrodoc
 
-    xacrodoc.packages.get_path = packages.folder  # its own would ask ROS, and keep what it found for the next file
+    def get_path(name: str) -> str:
+        folder = _folder(path, packages, name)
+        if folder is None:
+            raise RobotFileError(f"$(find {name}) is not known")
+        return str(folder.resolve())
+
+    xacrodoc.packages.get_path = get_path  # its own would ask ROS, and keep what it found for the next file
     xacro.init_stacks(str(path))
     try:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # its warnings are not ours

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from calib.extras.watch.change_tests import (
     NOISIER,
     ChangeTests,
     confounded_with,
+    family_wise_p_value,
     most_likely,
 )
 from calib.extras.watch.check_points import CheckPoints, Expectation
@@ -87,11 +87,11 @@ class CellTests:
         """Limit of `rmse_mm` in 99.73 % of unchanged cells."""
         return (self.fixed if self.scanner_known else self.free).spread.limit_mm(self.checks[0].colour)
 
-    @cached_property
+    @property
     def p_unchanged(self) -> float:
         """Family-wise p-value of the most significant change, under the hypothesis that nothing changed."""
         tests = self.fixed if self.scanner_known else self.free
-        return tests.family_wise_p_value(tests.tests((*self.models, *self.scanner)))
+        return family_wise_p_value(tests.tests((*self.models, *self.scanner)))
 
     def changes(self, *, alarmed: bool) -> tuple[Change, ...]:
         """Significant changes of a cell: first of the arm, then the scanner's motion, then the noise.
@@ -119,7 +119,7 @@ class CellTests:
             if self.no_part_makes(self.free.estimate(best.model, [*arm, best.model]), best.model):
                 models = tuple(model for model in models if model is not best.model)
                 continue
-            p_value = self.free.family_wise_p_value(of_each)
+            p_value = family_wise_p_value(of_each)
             limit = NAMED if not arm and self._explains_alone(best.model) else NAMED_GIVEN_OTHERS
             if not self.scanner_known and not arm:
                 limit = ALARM
@@ -180,4 +180,4 @@ class CellTests:
                 break
             models.remove(best.model)
         others = dict.fromkeys((*confounded_with(tests, best), SCANNER))
-        return [replace(change, p_value=self.fixed.family_wise_p_value(tests), as_well=tuple(others))]
+        return [replace(change, p_value=family_wise_p_value(tests), as_well=tuple(others))]

@@ -19,7 +19,7 @@ from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.extras.watch.cell import CellTests
 from calib.extras.watch.change_models import DRIFT, LARGEST_BY_UNIT, SCANNER, STEP, ChangeModel, change_label
-from calib.extras.watch.change_tests import ALARM, ALONE, CONFOUNDED, NAMED, most_likely
+from calib.extras.watch.change_tests import ALARM, ALONE, CONFOUNDED, NAMED, family_wise_p_value, most_likely
 from calib.extras.watch.watch import ChangeReport, report_of
 from calib.presented import Presented
 from calib.screening.blunders import without_blunders
@@ -125,7 +125,7 @@ def _likeliest(tests: CellTests, times: Array) -> tuple[ChangeModel, Change] | N
     if tests.p_unchanged > ALARM:
         return None
     of_arm = tests.free.tests(tests.models)
-    p_arm = tests.free.family_wise_p_value(of_arm)
+    p_arm = family_wise_p_value(of_arm)
     of_all = tests.fixed.tests((*tests.models, *tests.scanner)) if tests.scanner_known else of_arm
     for each, p_value in ((of_arm, p_arm), (of_all, tests.p_unchanged))[p_arm >= NAMED :]:
         best = most_likely(each)

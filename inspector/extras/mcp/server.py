@@ -13,14 +13,13 @@ from functools import wraps
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import anyio
-from mcp.server.mcpserver import Image, MCPServer
+from mcp.server.mcpserver import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 from mcp.server.mcpserver.tools import Tool
 from mcp.types import ToolAnnotations
-from pydantic import Field
 
 from calib.errors import CalibError
 from inspector.extras.mcp.options import McpOptions
@@ -31,13 +30,11 @@ NAME = "robot-calibration-inspector"
 SKILL = "inspector://skill"  # address of the guide as a resource
 MOST_CHARACTERS = 60_000  # of one answer; an agent reads no more at a time
 BAD = 2  # exit code of bad input
-FIGURE = "figure"  # the tool that answers with a picture
 _READS = frozenset({"corners", "redundancy", "effects", "follow", "repeat", "watch", "check", "fleet"})
 _ISOLATED = ("-P",)  # what lies in the working folder is data, and no module
 _SAID = "inspector: "  # begins what a command says beside its result
 
 Ended = subprocess.CompletedProcess[bytes]
-Picture = tuple[Image, str]  # and its caption
 
 
 @dataclass(frozen=True)
@@ -53,11 +50,10 @@ class Toolbox:
         object.__setattr__(self, "tools", command_tools(allow_code=self.allow_code))
 
     def functions(self) -> list[Tool]:
-        """Every command as a typed function, and the one that answers with a picture."""
-        made = [
+        """Every command as a typed function."""
+        return [
             _tool(self._function(tool), tool.description, reads=tool.name in _READS) for tool in self.tools.values()
         ]
-        return [*made, _tool(self.figure, "a figure of the diagnosis as a picture, with its caption", reads=True)]
 
     def _function(self, tool: CommandTool) -> Callable[..., Awaitable[str]]:
         async def run(**given: Any) -> str:
@@ -70,29 +66,9 @@ class Toolbox:
         run.__signature__ = tool.signature()  # type: ignore[attr-defined]
         return run
 
-    async def figure(
-        self,
-        path: Annotated[str, Field(description="dataset folder")],
-        name: Annotated[str, Field(description="of the figure; without it, the names and captions of all")] = "",
-    ) -> str | Picture:
-        """A figure of a diagnosis as a picture; without a name, the names of all."""
-        tool = self.tools["figures"]
-        if not name:
-            return _text(await self._run(tool.words({"path": path}, self.roots)))
-        with tempfile.TemporaryDirectory(prefix="figure-") as folder:
-            words = tool.words({"path": path, "name": [name]}, self.roots)
-            ended = await self._run([words[0], f"--out={folder}", "--png", "--json", *words[1:]], folder)
-            if ended.returncode:
-                return _text(ended)
-            (told,) = json.loads(ended.stdout)["figures"]
-            return Image(data=Path(told["file"]).read_bytes(), format="png"), told["caption"]
-
-    async def _run(self, words: list[str], *further: str) -> Ended:
-        """A command that has ended; `further` folders are open to it beside the roots.
-
-        Raises CallError where it takes longer than a call may.
-        """
-        roots = json.dumps([*map(str, self.roots.folders), *further])
+    async def _run(self, words: list[str]) -> Ended:
+        """A command that has ended. Raises CallError where it takes longer than a call may."""
+        roots = json.dumps([*map(str, self.roots.folders)])
         started = [sys.executable, *_ISOLATED, "-m", "inspector.extras.mcp.confined", roots, *words]
         with tempfile.TemporaryDirectory(prefix="call-") as own, anyio.move_on_after(self.timeout_s):
             return await anyio.run_process(

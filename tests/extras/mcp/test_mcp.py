@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import json
 import os
 import shutil
@@ -19,7 +18,7 @@ from mcp import Client, StdioServerParameters, types
 
 from inspector.cli.commands import commands
 from inspector.extras.mcp.roots import RootError, Roots
-from inspector.extras.mcp.server import FIGURE, SKILL, Toolbox, server_of
+from inspector.extras.mcp.server import SKILL, Toolbox, server_of
 from inspector.extras.mcp.tools import NOT_OFFERED, CallError, command_tools
 from tests.support.hidden_dataset import write_hidden
 
@@ -65,35 +64,14 @@ def test_an_agent_on_stdin_and_stdout_gets_from_the_folder_to_the_cause(root: Pa
             tools = {tool.name: tool for tool in (await client.list_tools()).tools}
             guide = await client.read_resource(SKILL)
             assert "Claim none of its members" in guide.contents[0].text  # type: ignore[union-attr]
-            told = await client.call_tool("diagnose", {"path": dataset_in(root)})
-            assert not told.is_error, text_of(told)
-            assert "Verdict: " in text_of(told)
-            keys = await client.call_tool("diagnose", {"path": dataset_in(root), "json_keys": []})
-            assert "missing" in text_of(keys)
+            keys = await client.call_tool("redundancy", {"path": dataset_in(root), "json_keys": []})
+            assert "combinations" in text_of(keys)
             parts = await client.call_tool("diagnose", {"path": dataset_in(root), "json_keys": ["missing", "verdict"]})
             assert tools["diagnose"].annotations is not None
             found: dict[str, Any] = json.loads(text_of(parts))
             return found
 
     assert asyncio.run(work()) == {"missing": ["transmission_error"], "verdict": "named"}
-
-
-@pytest.mark.thorough
-def test_a_figure_is_a_picture_with_its_caption(toolbox: Toolbox, root: Path) -> None:
-    name = dataset_in(root)
-    listed, shown, wrong = answers(
-        toolbox,
-        ("figure", {"path": name}),
-        ("figure", {"path": name, "name": "error_history"}),
-        ("figure", {"path": name, "name": "nonsense"}),
-    )
-    assert text_of(listed).startswith("error_history: ")
-    picture, caption = shown.content
-    assert isinstance(picture, types.ImageContent)
-    assert base64.b64decode(picture.data).startswith(b"\x89PNG")
-    assert isinstance(caption, types.TextContent)
-    assert wrong.is_error
-    assert "no such figure; there are error_history" in text_of(wrong)
 
 
 @pytest.mark.thorough
@@ -180,7 +158,7 @@ def schemas(*, allow_code: bool = False) -> dict[str, dict[str, Any]]:
 
 def test_every_command_is_a_tool_and_code_is_run_where_allowed_only() -> None:
     tools = schemas()
-    assert set(tools) == {*commands(), FIGURE} - set(NOT_OFFERED)
+    assert set(tools) == {*commands()} - set(NOT_OFFERED)
     assert "effects_file" not in tools["diagnose"]["properties"]
     assert "effects_file" in schemas(allow_code=True)["diagnose"]["properties"]
     assert tools["report"]["required"] == ["out", "path"]

@@ -13,6 +13,7 @@ from inspector.extras.mcp.roots import Roots
 from inspector.extras.mcp.server import Toolbox, server_of
 from tests.support.scenarios.scenarios import SCENARIOS, Scenario
 from tests.support.scenarios.scripted import work
+from tests.support.sweeps import sweep
 
 
 def not_right(root: Path, scenarios: Sequence[Scenario]) -> tuple[Collection[str], Collection[str]]:
@@ -32,7 +33,7 @@ def not_right(root: Path, scenarios: Sequence[Scenario]) -> tuple[Collection[str
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["joint_zero", "blunders"])
+@pytest.mark.parametrize("name", sweep(["joint_zero", "blunders"], every_run=["joint_zero"]))
 def test_the_cause_is_found_from_the_folder_alone(name: str, tmp_path: Path) -> None:
     assert not_right(tmp_path, [one for one in SCENARIOS if one.name == name]) == (set(), set())
 

@@ -15,7 +15,6 @@ SAID = [
     rf"$\tau \ge {misfit.PROVEN_TAILS:g}$",
     f"$g - {change_tests.PER_PARAMETER:g} K + 2 \\log w$",
     f"{change_tests.UNUSUAL_WEIGHT:g} for lengths, angles and compliances",
-    f"{change_tests.DRAWS:,} draws of an unchanged cell",
     f"An alarm is below {change_tests.ALARM:g};",
     f"a change of the arm is named below {change_tests.NAMED:g} where",
     f"else below {change_tests.NAMED_GIVEN_OTHERS:g}",
