@@ -24,7 +24,7 @@ from calib.extras.fleet.row import Failure
 from calib.extras.fleet.shared_causes import shared_causes
 from calib.extras.fleet.workers import Workers
 from calib.parallel import futures_as_completed
-from calib.progress import OnProgress, counted
+from calib.progress import OnProgress
 
 Kept = TypeVar("Kept", Judged, Drift)
 Asked = TypeVar("Asked")
@@ -63,12 +63,7 @@ class KeptResults:
 
 
 def run_fleet(
-    found: Discovered,
-    results: Path,
-    workers: Workers = Workers(),
-    *,
-    progress: bool = False,
-    on_progress: OnProgress | None = None,
+    found: Discovered, results: Path, workers: Workers = Workers(), on_progress: OnProgress | None = None
 ) -> Fleet:
     """Result of all datasets found below a folder: their rows, changes of arms, and shared causes.
 
@@ -77,7 +72,6 @@ def run_fleet(
         results: folder to which each result is written as soon as it is there; a later run takes over the results whose
             files and versions are the same, so that a stopped run continues.
         workers: executor of the tasks; its workers read the files by their absolute paths.
-        progress: show a bar, in a notebook's cell or at the terminal.
         on_progress: called as (done, total, path) after each dataset, then after each comparison of two.
 
     A dataset that fails is tried once more, after all others, and then listed with its reason.
@@ -85,33 +79,31 @@ def run_fleet(
     Raises DatasetError where the folder of results cannot be written.
     """
     folder, paths, kept = str(found.folder.resolve()), found.datasets, KeptResults(results)
+    tell: OnProgress = on_progress or (lambda *_: None)
     kept.begin()
     failures, of_path, taken_over = list(found.failures), dict[str, Judged](), 0
-    with counted("datasets", "dataset", asked=progress, then=on_progress) as tell:
-        before = [kept.read(path, Judged) for path in paths]
-        tasks = [Task(folder, path, "" if of is None else of.key) for path, of in zip(paths, before, strict=True)]
-        for done, (k, answer) in enumerate(_answers(judge, tasks, workers), start=1):
-            if isinstance(answer, str):
-                failures.append(Failure(paths[k], answer))
-            elif (judged := answer or before[k]) is not None:
-                kept.write(paths[k], judged)
-                of_path[paths[k]] = judged
-                taken_over += answer is None
-            if tell is not None:
-                tell(done, len(paths), paths[k])
-        rows = tuple(of_path[path].row for path in sorted(of_path))
-        pairs = [DriftTask(folder, of_path[a.path], of_path[b.path]) for a, b in consecutive(rows)]
-        drifts = {pair.key: found_drift for pair in pairs if (found_drift := kept.read(pair.key, Drift)) is not None}
-        waiting = [pair for pair in pairs if pair.key not in drifts]
-        for k, drift in _answers(compare, waiting, workers):
-            key, later = waiting[k].key, waiting[k].later.row.path
-            if isinstance(drift, str):
-                drifts[key] = Drift(waiting[k].base.row.path, later, reason=drift)
-            else:
-                drifts[key] = drift
-                kept.write(key, drift)
-            if tell is not None:
-                tell(len(drifts), len(pairs), later)
+    before = [kept.read(path, Judged) for path in paths]
+    tasks = [Task(folder, path, "" if of is None else of.key) for path, of in zip(paths, before, strict=True)]
+    for done, (k, answer) in enumerate(_answers(judge, tasks, workers), start=1):
+        if isinstance(answer, str):
+            failures.append(Failure(paths[k], answer))
+        elif (judged := answer or before[k]) is not None:
+            kept.write(paths[k], judged)
+            of_path[paths[k]] = judged
+            taken_over += answer is None
+        tell(done, len(paths), paths[k])
+    rows = tuple(of_path[path].row for path in sorted(of_path))
+    pairs = [DriftTask(folder, of_path[a.path], of_path[b.path]) for a, b in consecutive(rows)]
+    drifts = {pair.key: drift for pair in pairs if (drift := kept.read(pair.key, Drift)) is not None}
+    waiting = [pair for pair in pairs if pair.key not in drifts]
+    for k, told in _answers(compare, waiting, workers):
+        key, base, later = waiting[k].key, waiting[k].base.row.path, waiting[k].later.row.path
+        if isinstance(told, str):
+            drifts[key] = Drift(base, later, reason=told)
+        else:
+            drifts[key] = told
+            kept.write(key, told)
+        tell(len(drifts), len(pairs), later)
     return Fleet(
         found.folder,
         rows,

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.errors import CalibError
 from calib.extras.fleet.row import Row
 from calib.lazy_modules import pd
@@ -59,11 +58,6 @@ def table_bytes(rows: Sequence[Row], suffix: str) -> bytes:
     content = io.BytesIO()
     frame.to_parquet(content, engine="pyarrow", index=False)
     return content.getvalue()
-
-
-def write_table(rows: Sequence[Row], path: Path) -> None:
-    """Write the fleet's table to a file, either completely or not at all."""
-    write_bytes_atomically(path, table_bytes(rows, path.suffix))
 
 
 def require_table_kind(suffix: str) -> None:

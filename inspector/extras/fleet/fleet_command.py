@@ -6,12 +6,12 @@ import sys
 from contextlib import AbstractContextManager
 from datetime import datetime
 
-from calib.dataset.files.atomic_write import write_text_atomically
+from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.errors import CalibError, visible
 from calib.extras.fleet.arm_type import type_report
 from calib.extras.fleet.discovery import discover
 from calib.extras.fleet.run import run_fleet
-from calib.extras.fleet.table import is_table, require_table_kind, write_table
+from calib.extras.fleet.table import is_table, require_table_kind, table_bytes
 from calib.extras.fleet.type_file import save_type
 from calib.extras.fleet.workers import Workers, cluster_workers, local_workers
 from calib.options import FitOptions
@@ -41,7 +41,7 @@ def run_fleet_command(options: FleetOptions) -> int:
     except KeyboardInterrupt:
         print(visible(f"inspector: stopped; the same command goes on from what is in {results}"), file=sys.stderr)
         return 130
-    write_table(fleet.rows, out)
+    write_bytes_atomically(out, table_bytes(fleet.rows, out.suffix))
     write_text_atomically(page, fleet_html(fleet, page, now=datetime.now()))
     document = fleet.to_dict() | {"table": str(out), "page": str(page), "results": str(results)}
     show(options, document, f"{fleet.summary()}\n{out}, {page}: the table and the page")

@@ -27,13 +27,10 @@ class FromType(CalibrateAddition[TypeOptions, CalibrateOptions]):
         """Fit from the arm's type. Raises CalibError together with options that it has no use for."""
         assert self.asked.type is not None  # the only option
         self.arm_type = load_type(self.asked.type, dataset.robot)
-        given = {
-            "--effect": self.command.effect, "--add": self.command.add, "--session": self.command.session,
-            "--model": self.command.model, "--no-prior": self.command.no_prior,
-        }  # fmt: skip
-        used = [name for name, value in given.items() if value]
-        if used:
-            raise CalibError(f"--type: effects and prior are those of the type; leave out {used[0]}")
+        for name in ("effect", "add", "session", "model", "no_prior"):
+            if getattr(self.command, name):
+                option = name.replace("_", "-")
+                raise CalibError(f"--type: effects and prior are those of the type; leave out --{option}")
         self.pooled = fit_from_type(dataset, self.arm_type, self.command.fit_options())
         return self.pooled.calibration
 

@@ -12,7 +12,6 @@ import pytest
 from calib.extras.fleet.present.fleets import cause_phrase
 from calib.extras.fleet.row import EffectSize, Row
 from calib.extras.fleet.shared_causes import _ranges, shared_causes
-from calib.rendering import numbers
 from tests.extras.fleet.rows import row
 
 
@@ -108,8 +107,3 @@ def test_a_day_is_never_split_and_the_test_is_that_of_all_ways_to_deal_out_the_c
     assert (
         3.0 * since <= group.p_value <= 3.0 * by_chance
     )  # where days hold several, that since a day is an upper bound
-
-
-def test_serial_numbers_are_in_the_order_of_their_numbers() -> None:
-    names = ["A-10", "A-9", "B-1", "A-9b", "10", "9"]
-    assert sorted(names, key=numbers.natural_order) == ["9", "10", "A-9", "A-9b", "A-10", "B-1"]

@@ -30,6 +30,8 @@ MOVING = MOVING + np.random.default_rng(0).normal(0.0, 1e-5, MOVING.shape)
 OTHER = 10.0 * np.sin(np.arange(MOVING.size)).reshape(MOVING.shape)  # currents, torques
 FRAMES = [str(k) for k in range(1, len(T) + 1)]
 MS = [f"{1000 * t:.0f}" for t in T]
+NS = [f"{1_700_000_000_000_000_000 + round(1e9 * t)}" for t in T]
+SHUFFLED = (4, 0, 5, 2, 1, 3)
 
 
 def log(head: Sequence[str], columns: Sequence[Array | Sequence[str]], **options: str) -> Form:
@@ -90,6 +92,17 @@ LOGS: dict[str, Form] = {
     "ABB, two arms": log(
         ["timestamp,cmdnum," + names("J{}", "J{}_2", first=1)],
         [T, T * 0, *np.degrees(MOVING).T, *np.degrees(MOVING[::-1]).T],
+    ),
+    "rostopic echo -p": log(
+        ["%time," + names("field.name{}", "field.position{}")],
+        [NS, *([NAMES[k]] * len(T) for k in SHUFFLED), *MOVING.T[list(SHUFFLED)]],
+    ),
+    "ros2_control": log(
+        ["__time," + names("/joint_states/position[{}]", "/joint_states/velocity[{}]")], [T, *MOVING.T, *OTHER.T]
+    ),
+    "dates": log(
+        ["timestamp," + names("axis{} [deg]", first=1)],
+        [[f"2024-03-05T10:{int(t // 60):02}:{t % 60:09.6f}" for t in T], *np.degrees(MOVING).T],
     ),
     "Motive": capture(
         [

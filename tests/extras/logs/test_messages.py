@@ -23,6 +23,17 @@ def test_markers_of_a_list_are_named_by_the_identifiers_beside_it() -> None:
     ]
 
 
+def test_markers_of_an_array_are_named_by_namespace_and_identifier_and_a_deleted_one_is_none() -> None:
+    def marker(number: int, action: int) -> _Message:
+        return _Message(ns="smr", id=number, action=action, pose=_Message(position=_Message(x=1.0, y=0.0, z=2.0)))
+
+    array = _Message(markers=[marker(1, 0), marker(3, 0), marker(4, 2)])
+    assert [(label, xyz) for label, _, _, xyz in positions(array)] == [
+        ("smr/1", (1.0, 0.0, 2.0)),
+        ("smr/3", (1.0, 0.0, 2.0)),
+    ]
+
+
 def test_a_marker_that_two_cameras_see_is_two_points() -> None:
     def seen(frame: str, x: float) -> _Message:
         stamp = _Message(sec=5, nanosec=0)

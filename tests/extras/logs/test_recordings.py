@@ -5,14 +5,12 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import mcap_ros2.writer
 import numpy as np
-import openpyxl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -76,22 +74,6 @@ def transform(store: Any, t: float, p: np.ndarray, child: str, frame: str = "tra
     return store.types["geometry_msgs/msg/TransformStamped"](header(store, t, frame), child, inner)
 
 
-def marker(store: Any, t: float, p: np.ndarray, number: int) -> Any:
-    kind = store.types["visualization_msgs/msg/Marker"]
-    zero: dict[str, Any] = {
-        "header": header(store, t), "ns": "smr", "id": number, "type": 2, "action": 0, "pose": pose(store, p),
-        "scale": store.types["geometry_msgs/msg/Vector3"](0.01, 0.01, 0.01),
-        "color": store.types["std_msgs/msg/ColorRGBA"](1.0, 0.0, 0.0, 1.0),
-        "lifetime": store.types["builtin_interfaces/msg/Duration"](0, 0), "frame_locked": False, "points": [],
-        "colors": [], "text": "", "mesh_resource": "", "mesh_use_embedded_materials": False,
-    }  # fmt: skip
-    if "texture" in kind.__dataclass_fields__:
-        image = store.types["sensor_msgs/msg/CompressedImage"](header(store, t), "", np.zeros(0, np.uint8))
-        zero |= {"texture_resource": "", "texture": image, "uv_coordinates": []}
-        zero["mesh_file"] = store.types["visualization_msgs/msg/MeshFile"]("", np.zeros(0, np.uint8))
-    return kind(**{each.name: zero[each.name] for each in fields(kind) if each.name in zero})
-
-
 def stamped_point(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
     return "geometry_msgs/msg/PointStamped", store.types["geometry_msgs/msg/PointStamped"](
         header(store, t), point(store, p)
@@ -102,10 +84,6 @@ def stamped_pose(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
     return "geometry_msgs/msg/PoseStamped", store.types["geometry_msgs/msg/PoseStamped"](
         header(store, t), pose(store, p)
     )
-
-
-def stamped_transform(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
-    return "geometry_msgs/msg/TransformStamped", transform(store, t, p, "smr")
 
 
 def tf(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
@@ -119,12 +97,6 @@ def tf(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
         transform(store, t, np.ones(3), "world", "map"),
     ]
     return "tf2_msgs/msg/TFMessage", store.types["tf2_msgs/msg/TFMessage"](frames)
-
-
-def markers(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
-    """The moving marker and one on the wall."""
-    both = [marker(store, t, np.array([3.0, 2.0, 1.0]) + 1e-4 * (p % 0.1), 1), marker(store, t, p, 3)]
-    return "visualization_msgs/msg/MarkerArray", store.types["visualization_msgs/msg/MarkerArray"](both)
 
 
 def detections(store: Any, t: float, p: np.ndarray) -> tuple[str, Any]:
@@ -185,7 +157,7 @@ def ros1_bag(shape: Shape, compression: Any = None) -> Callable[[Run, Path], lis
     return write
 
 
-def ros2_bag(shape: Shape, storage: str, *, lone: bool = False) -> Callable[[Run, Path], list[str]]:
+def ros2_bag(shape: Shape, storage: str) -> Callable[[Run, Path], list[str]]:
     def write(run: Run, folder: Path) -> list[str]:
         store = store_with_detections(False)
         plugin = rosbags.rosbag2.StoragePlugin.MCAP if storage == "mcap" else rosbags.rosbag2.StoragePlugin.SQLITE3
@@ -195,10 +167,7 @@ def ros2_bag(shape: Shape, storage: str, *, lone: bool = False) -> Callable[[Run
                 if topic not in made:
                     made[topic] = bag.add_connection(topic, kind, typestore=store)
                 bag.write(made[topic], round(t * 1e9), store.serialize_cdr(message, kind))
-        if not lone:
-            return ["--joints", str(folder / "run")]
-        (found,) = (folder / "run").glob("*.db3") if storage != "mcap" else (folder / "run").glob("*.mcap")
-        return ["--joints", str(found.rename(folder / found.name))]
+        return ["--joints", str(folder / "run")]
 
     return write
 
@@ -269,14 +238,6 @@ def two_csvs(
     return write
 
 
-def ros2_control(run: Run, folder: Path) -> list[str]:
-    names = ["__time", *(f"/joint_states/{what}[{k}]" for what in ("position", "velocity") for k in range(6))]
-    names += [f"/vrpn/tool_marker/pose/position/{axis}" for axis in "xyz"]
-    columns = [run.joint_s, *run.q.T, *np.gradient(run.q, axis=0).T]
-    rows = together(run, columns, list(run.xyz_mm.T / 1000.0))
-    return ["--joints", str(write_csv(folder / "log.csv", names, rows, "\t"))]
-
-
 RTDE = ("target_q", "actual_q", "joint_temperatures", "actual_TCP_pose")
 
 
@@ -298,34 +259,6 @@ def plotjuggler(run: Run, folder: Path) -> list[str]:
     rows += [[t, *[""] * 18, *(p / 1000.0)] for t, p in zip(run.point_s, run.xyz_mm, strict=True)]
     rows.sort(key=lambda row: float(row[0]))
     return ["--joints", str(write_csv(folder / "plot.csv", names, rows))]
-
-
-def rostopic_echo(run: Run, folder: Path) -> list[str]:
-    names = [
-        "%time",
-        "field.header.seq",
-        "field.header.stamp",
-        "field.header.frame_id",
-        *(f"field.name{k}" for k in range(6)),
-        *(f"field.position{k}" for k in range(6)),
-    ]
-    rows = [
-        [round(t * 1e9) + 3_000_000, k, round(t * 1e9), "", *(NAMES[i] for i in SHUFFLED), *(q[i] for i in SHUFFLED)]
-        for k, (t, q) in enumerate(zip(run.joint_s, run.q, strict=True))
-    ]
-    joints = write_csv(folder / "joints.csv", names, rows)
-    points = [
-        [round(t * 1e9), k, round(t * 1e9), "tracker", *(p / 1000.0)]
-        for k, (t, p) in enumerate(zip(run.point_s, run.xyz_mm, strict=True))
-    ]
-    names = [
-        "%time",
-        "field.header.seq",
-        "field.header.stamp",
-        "field.header.frame_id",
-        *(f"field.point.{axis}" for axis in "xyz"),
-    ]
-    return ["--joints", str(joints), "--points", str(write_csv(folder / "points.csv", names, points))]
 
 
 def json_records(run: Run, folder: Path) -> list[str]:
@@ -367,39 +300,6 @@ def flat_parquet(run: Run, folder: Path) -> list[str]:
     return ["--joints", str(folder / "joints.parquet"), "--points", str(folder / "points.parquet")]
 
 
-def sheets(run: Run, folder: Path) -> list[str]:
-    book = openpyxl.Workbook()
-    book.remove(book.active)
-    for name, header_row, rows in (
-        (
-            "Joints",
-            ["Time [s]", *(f"A{k} [deg]" for k in range(1, 7))],
-            np.column_stack([run.joint_s - run.joint_s[0], np.degrees(run.q)]),
-        ),
-        (
-            "Tracker",
-            ["Time [s]", "X [mm]", "Y [mm]", "Z [mm]"],
-            np.column_stack([run.point_s - run.joint_s[0], run.xyz_mm]),
-        ),
-    ):
-        sheet = book.create_sheet(name)
-        sheet.append(header_row)
-        for row in rows.tolist():
-            sheet.append(row)
-    book.save(folder / "log.xlsx")
-    return ["--joints", str(folder / "log.xlsx#Joints"), "--points", str(folder / "log.xlsx#Tracker")]
-
-
-def dates(run: Run, folder: Path) -> list[str]:
-    joints = [
-        [datetime.fromtimestamp(t, UTC).isoformat(), *np.degrees(q)] for t, q in zip(run.joint_s, run.q, strict=True)
-    ]
-    points = [[datetime.fromtimestamp(t, UTC).isoformat(), *p] for t, p in zip(run.point_s, run.xyz_mm, strict=True)]
-    of_joints = write_csv(folder / "j.csv", ["timestamp", *(f"axis{k} [deg]" for k in range(1, 7))], joints)
-    of_points = write_csv(folder / "p.csv", ["timestamp", "x [mm]", "y [mm]", "z [mm]"], points)
-    return ["--joints", str(of_joints), "--points", str(of_points)]
-
-
 def single_points(run: Run, folder: Path) -> list[str]:
     """A tracker that writes one point a stop when its key is pressed."""
     ends = [np.flatnonzero(np.abs(run.q - q).max(axis=1) < 1e-3)[-20] for q in run.stops_q]
@@ -426,35 +326,22 @@ def rows_of_poses(run: Run, folder: Path) -> list[str]:
     return ["--joints", str(folder / "run"), "--points", str(path)]
 
 
-DEG, MM = (lambda run: list(np.degrees(run.q).T)), (lambda run: list(run.xyz_mm.T))
 FORMS: dict[str, Callable[[Run, Path], list[str]]] = {
     "ROS 1 bag, PointStamped": ros1_bag(stamped_point),
     "ROS 1 bag, lz4, PoseStamped": ros1_bag(stamped_pose, rosbags.rosbag1.Writer.CompressionFormat.LZ4),
     "ROS 1 bag, detections of tags": ros1_bag(detections),
-    "rosbag2 sqlite3, TransformStamped": ros2_bag(stamped_transform, "sqlite3"),
-    "rosbag2 sqlite3, tf": ros2_bag(tf, "sqlite3"),
-    "rosbag2 mcap, MarkerArray": ros2_bag(markers, "mcap"),
+    "rosbag2 mcap, tf": ros2_bag(tf, "mcap"),
     "rosbag2 sqlite3, detections of tags": ros2_bag(detections, "sqlite3"),
-    "lone db3, PointStamped": ros2_bag(stamped_point, "sqlite3", lone=True),
     "mcap by mcap-ros2-support": mcap_of_ros2,
     "joint states in degrees": lambda run, folder: mcap_of_ros2(replace(run, q=np.degrees(run.q)), folder),
     "RTDE and a tracker, clocks of their own": two_csvs(
         ["timestamp", *(f"{name}_{k}" for name in RTDE for k in range(6))], rtde_columns,
         ["time", "x_mm", "y_mm", "z_mm"], lambda run: [run.point_s, *run.xyz_mm.T],
     ),
-    "a German controller, ms, decimal commas": two_csvs(
-        ["Zeit [ms]", *(f"A{k} [deg]" for k in range(1, 7))],
-        lambda run: [1e3 * (run.joint_s - run.joint_s[0]), *DEG(run)],
-        ["Zeit [s]", "X [mm]", "Y [mm]", "Z [mm]"], lambda run: [run.point_s - run.point_s[0], *MM(run)], ";",
-    ),
     "PlotJuggler": plotjuggler,
-    "rostopic echo -p": rostopic_echo,
-    "ros2_control in columns": ros2_control,
     "JSON records": json_records,
     "LeRobot": lerobot,
     "parquet": flat_parquet,
-    "sheets": sheets,
-    "dates": dates,
     "single points": single_points,
     "a table of points without times": rows_of_poses,
 }  # fmt: skip
