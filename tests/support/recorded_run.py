@@ -76,14 +76,16 @@ def recorded_run(
     regular: bool = False,
     forwards: bool = False,
     joint_sigma_rad: float = 2e-5,
+    reach: float = 1.0,
 ) -> Run:
     """A run with pauses between travels, jitter of the times, dropouts, correlated noise of the points.
 
     regular  # all travels and pauses alike, between two places, so that a clock's offset cannot be told
     forwards  # no joint turns back
+    reach  # of the arm's usual joint values
     """
     low, high = np.array([-2.5, -2.2, -2.2, -2.5, -2.0, -2.5]), np.array([2.5, -0.4, 2.2, 0.5, 2.0, 2.5])
-    places = rng.uniform(low, high, (stops, 6))
+    places = reach * rng.uniform(low, high, (stops, 6))
     if regular:
         places = places[[0, 1] * (stops // 2)]
     places = np.sort(places, axis=0) if forwards else places
@@ -95,7 +97,7 @@ def recorded_run(
         begins.append(at)
         at += rest[k]
         ends.append(at)
-    before = np.vstack([places[0] + (-0.3 if forwards else 0.3), places[:-1]])
+    before = np.vstack([places[0] + reach * (-0.3 if forwards else 0.3), places[:-1]])
 
     def joints_at(t: Array) -> Array:
         k = np.clip(np.searchsorted(ends, t), 0, stops - 1)
