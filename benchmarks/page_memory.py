@@ -2,7 +2,7 @@
 
     python benchmarks/page_memory.py [--count 2000] [--dataset sample_data/hidden_effect_b]
 
-The operations are those of tests/support/page_operations.py: poses, views, joints, versions, steps, an effect added,
+The operations are those of benchmarks/page_operations.py: poses, views, joints, versions, steps, an effect added,
 undone, redone and removed, each done before the next. A page is connected all the time and takes every message. The
 first tenth warms up: it loads code and fills what is kept by design. The server runs in a process of its own."""
 
@@ -26,8 +26,8 @@ GOAL_MB = 20.0
 
 def serve(path: Path) -> None:
     """The server's process: prints its port, then does as many operations as each line says and prints its memory."""
+    from benchmarks.page_operations import IDLE_S, operate, rss_mb
     from inspector.app.serving import serving
-    from tests.support.page_operations import IDLE_S, operate, rss_mb
 
     with serving(path, port=0) as app:
         assert app.worker.wait_idle(IDLE_S)

@@ -4,7 +4,7 @@
 
 Spheres stand on a flange among wall, table, box and rod, some 700 mm away: 0.02 mm * (0.5 + 0.5 / cos^2 incidence) of
 noise along the ray, 35 % mixed pixels at jumps of depth, dropouts at grazing incidence (tests/support/sphere_scene.py).
-The second simulator (tests/support/mesh_balls.py) shares no code with it: blurred and quantised pixels, heavy tails,
+The second simulator (benchmarks/mesh_balls.py) shares no code with it: blurred and quantised pixels, heavy tails,
 shadows of the projector; things of a workshop may hide the sphere, as where fewer than 25 of its points are seen. The
 bound knows of no blur; it is that of all points of the sphere with their true sigmas, its radius known or not. Columns:
 
@@ -29,11 +29,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.mesh_balls import plain_scanner, scan_of_ball  # noqa: E402
 from calib.errors import TargetError  # noqa: E402
 from calib.target_shapes import Sphere  # noqa: E402
 from calib.targets.protocol.finder import Wanted  # noqa: E402
 from calib.targets.spheres.sphere_finder import find_spheres  # noqa: E402
-from tests.support.mesh_balls import plain_scanner, scan_of_ball  # noqa: E402
 from tests.support.sphere_scene import BallScan, one_ball  # noqa: E402
 
 CASES: dict[str, dict[str, float]] = {

@@ -8,17 +8,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from graphlib import CycleError, TopologicalSorter
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 import calib
+from tests.support import ROOT
 
 grimp = pytest.importorskip("grimp")
 importlinter = pytest.importorskip("importlinter.cli")
-
-ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")

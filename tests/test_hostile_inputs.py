@@ -35,6 +35,7 @@ from calib.errors import MOST_CHARACTERS, CalibError
 from calib.kinematics.chain import target_points
 from calib.simulation.simulate import simulate_dataset
 from tests.support.arms import random_arm, random_transform
+from tests.support.changed import with_xyz
 from tests.support.promises import ran
 from tests.support.scan_mutations import CLOUDS, MUTATIONS, WRITERS, mutated
 from tests.support.scan_scene import make_scene
@@ -452,7 +453,7 @@ def _elsewhere(dataset: Dataset, rng: Rng, folder: Path) -> Dataset:
     for name in np.unique(setup):
         moved = random_transform(rng)
         xyz_mm[setup == name] = xyz_mm[setup == name] @ moved[:3, :3].T + moved[:3, 3]
-    return replace(dataset, points=replace(dataset.points, xyz_mm=xyz_mm))
+    return with_xyz(dataset, xyz_mm)
 
 
 def _other_order(dataset: Dataset, rng: Rng, folder: Path) -> Dataset:

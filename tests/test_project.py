@@ -6,7 +6,6 @@ import ast
 import json
 import os
 import re
-import shlex
 import subprocess
 import sys
 import tomllib
@@ -17,9 +16,9 @@ import pytest
 
 from inspector.cli.commands import commands, declarations
 from inspector.cli.options.declaration import arguments_of
+from tests.support import ROOT
 from tests.support.copies import extras, tracked_files
 
-ROOT = Path(__file__).parents[1]
 HEAVY = ("open3d", "trimesh", "viser", "plotly")
 # An absolute path into somebody's machine: the lookbehind lets the path part of a URL pass.
 MACHINE_PATH = re.compile(r"(?<![\w.~-])/(?:work|root|home|Users|tmp)/\w|[A-Z]:\\Users\\")
@@ -57,24 +56,6 @@ def imported_at_once(path: Path) -> set[str]:
 
 
 # ---- imports --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.thorough
-def test_importing_any_calib_module_loads_nothing_heavy():
-    program = f"""
-import importlib, json, pkgutil, sys
-import calib
-loaded = {{}}
-for name in ["calib", *(module.name for module in pkgutil.walk_packages(calib.__path__, "calib."))]:
-    importlib.import_module(name)
-    loaded[name] = [heavy for heavy in {HEAVY!r} if heavy in sys.modules]
-print(json.dumps(loaded))
-"""
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    loaded = json.loads(done.stdout)
-    assert len(loaded) >= len(python_files("calib")), "the walk missed modules (a folder without __init__.py?)"
-    assert {name: heavy for name, heavy in loaded.items() if heavy} == {}
 
 
 @pytest.mark.parametrize("more", [[], ["--json"]])
@@ -213,62 +194,17 @@ def test_no_tracked_file_names_a_place_on_somebodys_machine():
     assert found == []
 
 
-def packaged_files() -> set[Path]:
-    """What setuptools takes into a wheel besides .py files; each folder is a package, a pattern is of one or of all."""
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    assert settings["packages"]["find"] == {"include": ["calib*", "inspector*"]}
-    folders = [
-        folder for top in ("calib", "inspector") for folder in (ROOT / top, *(ROOT / top).rglob("*")) if folder.is_dir()
-    ]
-    return {
-        file
-        for folder in folders
-        for package, patterns in settings["package-data"].items()
-        if package in ("*", ".".join(folder.relative_to(ROOT).parts))
-        for pattern in patterns
-        for file in folder.glob(pattern)
-    }
-
-
-def test_a_wheel_has_every_file_that_the_packages_read():
-    packages = [ROOT / "calib", ROOT / "inspector"]
-    needed = {
-        path
-        for path in tracked_files()
-        if any(path.is_relative_to(package) for package in packages) and path.suffix != ".py"
-    }
-    names = {path.name for path in needed}
-    assert {"py.typed", "rb5.toml", "page.html"} <= names
-    assert sorted(str(path.relative_to(ROOT)) for path in needed - packaged_files()) == []
-
-
 # ---- what README promises -------------------------------------------------------------------------------------------
 
 
-def readme_blocks(language: str = r"[^\n]*") -> list[str]:
-    """README's code blocks, those of one language or all."""
+def test_readme_names_only_commands_and_data_that_exist():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
-
-
-def readme_commands() -> list[list[str]]:
-    """Every `./run ...` line of README's code blocks, split into words."""
-    lines = (line.strip().removeprefix("$ ") for block in readme_blocks() for line in block.splitlines())
-    return [shlex.split(line, comments=True) for line in lines if line.startswith("./run")]
-
-
-def test_readme_names_only_commands_that_exist():
-    commands = readme_commands()
-    names = {words[1] for words in commands if len(words) > 1}
-    assert {"serve", "test"} <= names, "README shows the two commands"
-    for name in sorted(names - {"test", "help"}):
-        program = [sys.executable, "-m", "inspector", name, "--help"]
-        done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"./run {name}: {done.stderr}"
-    for words in commands:
-        for word in words:
-            if word.startswith("sample_data"):
-                assert (ROOT / word).exists(), f"{shlex.join(words)}: no {word}"
+    said = [line.split() for line in re.findall(r"^(?:\$ )?\./run +(.*)", text, re.MULTILINE)]
+    names = {words[0] for words in said}
+    assert {"serve", "test"} <= names <= {*commands(), "test", "docs", "help"}
+    assert [
+        word for words in said for word in words if word.startswith("sample_data") and not (ROOT / word).exists()
+    ] == []
 
 
 def test_help_and_documentation_list_every_command_and_option():

@@ -17,8 +17,8 @@ from calib.effects.catalogue import family_of
 from calib.effects.catalogue.joints import TransmissionError
 from calib.errors import CalibError, DatasetError, FitError
 from calib.options import FitOptions
+from tests.support import ROOT
 
-ROOT = Path(__file__).parents[1]
 CELL = str(ROOT / "sample_data" / "hidden_effect_a")
 HIDDEN = "transmission_error"
 FUNCTIONS = [name for name in calib.__all__ if inspect.isfunction(inspect.unwrap(getattr(calib, name)))]

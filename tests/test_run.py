@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.support import ROOT
+
 # All that `run` may need of a system. Not there: python3.12, apt-get, sudo and chromium of the machine that tests it.
 TOOLS = re.findall(r"\w+", "sh cat chmod cksum cp dirname env grep id mkdir readlink rm sed tail touch")
 FAKE_PYTHON = """#!/bin/sh
@@ -28,6 +29,7 @@ case "$*" in
 "-m ruff check"*) exit "${RUFF_EXIT:-0}" ;;
 "-m sphinx"*) exit "${SPHINX_EXIT:-0}" ;;
 "-m mypy"*) exit "${MYPY_EXIT:-0}" ;;
+"-m pytest --version") ;;
 "-m pytest"*) exit "${PYTEST_EXIT:-0}" ;;
 esac
 """
@@ -60,12 +62,14 @@ class Sandbox:
         path.write_text(text)
         path.chmod(0o755)
 
-    def run(self, *args: str, **env: str) -> tuple[subprocess.CompletedProcess[str], Sequence[str]]:
+    def run(
+        self, *args: str, program: str = "run", **env: str
+    ) -> tuple[subprocess.CompletedProcess[str], Sequence[str]]:
         """Call `run` from another folder; returns what it did and how it called Python, call by call."""
         calls = self.folder / "calls"
         calls.write_text("")
         known = {"PATH": str(self.tools), "CALLS": str(calls), "CHROMIUM": "sh"}
-        command = [str(self.project / "run"), *args]
+        command = [str(self.project / program), *args]
         done = subprocess.run(command, cwd=self.folder, env=known | env, capture_output=True, text=True, check=False)
         return done, calls.read_text().splitlines()
 
@@ -105,26 +109,6 @@ def test_first_call_installs_and_the_second_starts_at_once(sandbox: Sandbox):
     assert done.stderr == ""
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("args", "expected"),
-    [
-        ((), "serve {project}/sample_data {own}"),
-        (("--port", "9000"), "serve {project}/sample_data {own} --port 9000"),
-        (("--host=::1",), "serve {project}/sample_data {own} --host=::1"),
-        (("data",), "serve {own} data"),
-        (("--port", "9000", "data"), "serve {own} --port 9000 data"),
-        (("data", "--session", "s.json"), "serve {own} data --session s.json"),
-        (("--port",), "serve {project}/sample_data {own} --port"),
-        (("--data", "mine"), "serve {project}/sample_data --data mine"),
-        (("data", "--data=mine"), "serve data --data=mine"),
-    ],
-)
-def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tuple[str, ...], expected: str):
-    _, calls = sandbox.run("serve", *args)
-    assert inspector_call(calls) == expected.format(project=sandbox.project, own=f"--data {sandbox.project}/my_data")
-
-
 @pytest.mark.slow
 def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     done, calls = sandbox.run("test")
@@ -150,47 +134,19 @@ def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     assert done.returncode == 0
 
 
-@pytest.mark.thorough
-def test_a_python_out_of_range_is_named_with_what_would_do(sandbox: Sandbox):
-    done, _ = sandbox.run("check", "x", FITS_EXIT="1")
-    assert done.returncode == 1
-    assert len(done.stderr.splitlines()) == 1
-    assert "found python3 is Python 3.9.9" in done.stderr
-    assert "3.11 to 3.14" in done.stderr
-    (sandbox.tools / "python3").unlink()
-    done, _ = sandbox.run("check", "x")
-    assert done.returncode == 1
-    assert "found none" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("fails", "code"),
-    [({}, 3), ({"PYTEST_EXIT": "5"}, 5), ({"SPHINX_EXIT": "1"}, 1)],
-    ids=["artefacts", "tests", "documentation"],
-)
-def test_ci_runs_the_same_tests_then_builds_pages_and_tries_what_is_built(
-    sandbox: Sandbox, fails: dict[str, str], code: int
-):
+@pytest.mark.parametrize("fails", ["PYTEST_EXIT", "SPHINX_EXIT", "MYPY_EXIT", ""])
+def test_ci_builds_pages_beside_types_and_artefacts_then_runs_the_tests(sandbox: Sandbox, fails: str):
     (sandbox.project / ".ci").mkdir()
     shutil.copy(ROOT / ".ci" / "run", sandbox.project / ".ci" / "run")
+    (sandbox.tools / "bash").symlink_to(shutil.which("bash") or "")
     artefacts = sandbox.project / ".ci" / "artefacts"
-    artefacts.write_text('#!/bin/sh\necho artefacts >>"$CALLS"\nexit 3\n')
+    artefacts.write_text('#!/bin/sh\necho artefacts >>"$CALLS"\n')
     artefacts.chmod(0o755)
-    bash = shutil.which("bash")
-    assert bash
-    (sandbox.tools / "bash").symlink_to(bash)
-    calls = sandbox.folder / "calls"
-    env = {
-        "PATH": str(sandbox.tools),
-        "CALLS": str(calls),
-        "CHROMIUM": "sh",
-    }
-    done = subprocess.run(
-        [sandbox.project / ".ci" / "run"], env=env | fails, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == code
-    failing = "PYTEST_EXIT" in fails
-    called = calls.read_text().splitlines()
-    tests, after = (called[-1], []) if failing else (called[-3], called[-2:])
-    assert tests.startswith(f"{ALL_CORES} tests/extras ")
-    assert {call.partition(" -q")[0] for call in after} == (set() if failing else {"-m sphinx", "artefacts"})
+    done, calls = sandbox.run(**{fails: "5"} if fails else {}, program=".ci/run")
+    assert (done.returncode != 0) is bool(fails), done.stderr
+    installed = [call for call in calls if " pip install " in call]
+    assert [call.partition(" install")[0] for call in installed] == ["-m pip", "-m uv pip"]
+    assert ("artefacts" in calls) is (fails != "MYPY_EXIT")
+    assert any(call.startswith("-m sphinx ") for call in calls)
+    last = "-m mypy" if fails == "MYPY_EXIT" else f"{ALL_CORES} tests/extras "
+    assert calls[-1].startswith(last)

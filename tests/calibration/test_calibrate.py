@@ -28,6 +28,7 @@ from tests.support.arms import (
     perturbed,
     random_transform,
 )
+from tests.support.changed import with_poses
 
 
 def simulated(seed: int = 0, **more: object) -> Dataset:
@@ -62,7 +63,6 @@ def test_the_calibrated_table_reaches_places_it_never_saw() -> None:
 
 def test_test_poses_have_no_say_in_the_fit() -> None:
     dataset = simulated()
-    assert dataset.points is not None
     points = dataset.points
     shifted = points.xyz_mm + np.where(dataset.poses.is_test[points.pose], 5.0, 0.0)[:, None]
     other = calibrate(dataset.with_points(Points(points.pose, shifted, points.target)))
@@ -133,7 +133,7 @@ def test_a_dataset_without_points_is_refused() -> None:
 
 def test_all_poses_alike_are_refused() -> None:
     dataset = simulated()
-    same = replace(dataset, poses=replace(dataset.poses, q=np.zeros_like(dataset.poses.q)))
+    same = with_poses(dataset, q=np.zeros_like(dataset.poses.q))
     noise = np.random.default_rng(0).normal(size=(64, 3)) * 0.05
     stands = same.with_points(Points(same.points.pose, noise + np.array([1.0, 2.0, 3.0]), same.points.target))
     verdict = check(stands)

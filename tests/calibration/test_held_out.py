@@ -13,6 +13,7 @@ from calib.calibration.promise import learned_discrepancy
 from calib.dataset.dataset import Dataset, Scanner
 from calib.screening.left_out import far_test_poses, left_out_gain
 from tests.support.arms import dataset_of, jang_arm, perturbed, random_transform
+from tests.support.changed import with_poses
 
 NOISE_MM = 0.05
 
@@ -109,7 +110,7 @@ def test_a_few_test_poses_grossly_off_are_named_and_do_not_show_the_model_wrong(
 def test_test_poses_of_a_place_without_training_poses_are_held_against_their_own_frame() -> None:
     dataset = arm(5, test=30)
     setup = np.where(dataset.poses.is_test, "elsewhere", "here")
-    apart = replace(dataset, poses=replace(dataset.poses, setup=setup))
+    apart = with_poses(dataset, setup=setup)
     test = judged(apart)
     assert not test.is_broken
     assert test.ratio == pytest.approx(1.0, abs=0.25)

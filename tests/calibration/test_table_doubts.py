@@ -16,6 +16,7 @@ from calib.present.cause.verdict import verdict
 from calib.present.fit.calibration import calibration_warnings
 from calib.rendering.blocks import plain
 from calib.simulation.simulate import simulate_dataset
+from tests.support.changed import with_xyz
 
 
 def measured_arm(robot: str = "rb5", seed: int = 0) -> Dataset:
@@ -72,7 +73,7 @@ def test_a_calm_verdict_and_the_check_ask_whether_the_table_is_right() -> None:
 @pytest.mark.parametrize("scale", [1.02, 0.985])
 def test_an_instrument_of_another_scale_is_told_and_no_link_is_doubted(scale: float) -> None:
     dataset = measured_arm()
-    scaled = dataset.with_points(replace(dataset.points, xyz_mm=scale * dataset.points.xyz_mm))
+    scaled = with_xyz(dataset, scale * dataset.points.xyz_mm)
     calibration = calibrate(scaled)
     assert common_scale(calibration) == pytest.approx(scale - 1.0, abs=2.5e-3)
     assert doubtful_entries(calibration) == ()

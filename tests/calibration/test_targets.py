@@ -22,6 +22,7 @@ from calib.identifiability.structural import free_frame_rank
 from calib.kinematics.robot import Robot, Target, Tool
 from calib.options import FitOptions
 from tests.support.arms import dataset_of, elementary_points, perturbed, random_transform
+from tests.support.changed import with_xyz
 from tests.support.fit_cases import check_gradient
 
 SIGMA_MM = 0.05
@@ -243,11 +244,10 @@ def test_apparent_motion_of_a_joint_is_that_of_the_measured_targets() -> None:
     """Apparent joint motion is that of the measured mirrors, 300 mm beyond the tool's end."""
     dataset, true, _ = mirror_dataset(12, jig=False)
     far = tuple(replace(t, xyz_mm=(t.xyz_mm[0] + 300.0, t.xyz_mm[1], t.xyz_mm[2])) for t in MIRRORS)
-    assert dataset.points is not None
     off_rad, k = 2e-3, 55  # a test pose, so that the fit does not bend to it
     q = dataset.poses.q.copy()
     q[k, 4] += off_rad
     xyz = np.concatenate([elementary_points(with_tip(true, np.array(t.xyz_mm)), q) for t in far])
-    moved = replace(dataset.with_points(replace(dataset.points, xyz_mm=xyz)), robot=replace(dataset.robot, targets=far))
+    moved = replace(with_xyz(dataset, xyz), robot=replace(dataset.robot, targets=far))
     found = pose_errors_of(calibrate(moved, FitOptions(fixed=LAST_ROW)))
     assert found.apparent_joint_error[k, 4] == pytest.approx(off_rad, rel=0.02)

@@ -20,6 +20,7 @@ from calib.fitting.observations import conditions_at
 from calib.kinematics.tool_point import ending_at_tool_point
 from calib.screening.curves.joint_curves import learn_joint_curves
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
+from tests.support.changed import with_xyz
 
 
 def test_sums_are_known_although_their_parts_are_not() -> None:
@@ -115,7 +116,7 @@ def test_a_curve_over_a_further_column_is_predicted_elsewhere_too() -> None:
     assert cell.points is not None
     xyz_mm = elementary_points(robot, q) + rng.normal(size=(64, 3)) * 0.05
     poses = replace(cell.poses, extra=pd.DataFrame({"pressure_bar": pressure_bar}))
-    cell = replace(cell.with_points(replace(cell.points, xyz_mm=xyz_mm)), poses=poses)
+    cell = replace(with_xyz(cell, xyz_mm), poses=poses)
     learned = learn_joint_curves(calibrate(cell))
     assert learned.inputs == ("pressure_bar",)
     fitted = calibrate(cell, effects=learned.members)

@@ -17,6 +17,7 @@ from calib.present.fit import errors as headlines
 from calib.present.fit.calibration import calibration_document, calibration_warnings
 from calib.rendering.numbers import length_change
 from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.changed import with_poses
 from tests.support.commands import answered
 
 
@@ -31,7 +32,7 @@ def exact_arm(*, slide: bool = False, setups: int = 1) -> Dataset:
         robot, robot, np.random.default_rng(4), poses=12 * setups + 12 * (1 + slide), test=12, noise_mm=0.05
     )
     names = np.array([f"s{i % setups}" for i in range(len(dataset.poses))])
-    return replace(dataset, poses=replace(dataset.poses, setup=names))
+    return with_poses(dataset, setup=names)
 
 
 @pytest.mark.parametrize(

@@ -27,9 +27,7 @@ from calib.errors import CornerError, DatasetError
 from calib.jig import Jig
 from calib.parallel import map_as_completed
 from calib.scans.scan import write_scan
-from inspector.cli.parser import main
 from inspector.cli.progress import processes
-from tests.support.commands import answered
 from tests.support.scan_scene import make_scene
 
 SPAWN = multiprocessing.get_context("spawn")
@@ -195,23 +193,6 @@ def test_an_early_end_cancels_what_waits(how: str) -> None:
     assert len(started) <= 3
     assert sum(future.cancelled() for future in executor.futures) == len(executor.futures) - len(started)
     assert 50 <= len(executor.futures) <= 51
-
-
-@pytest.mark.thorough
-def test_the_command_finds_the_same_with_any_number_of_processes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["simulate", str(tmp_path / "cell"), "--robot", "rb5", "--poses", "3", "--scans"]) == 0
-    capsys.readouterr()
-    printed = []
-    for count in ("1", "2"):
-        corners = answered("corners", tmp_path / "cell", "--processes", count)["corners"]
-        printed.append([{k: v for k, v in corner.items() if k != "seconds"} for corner in corners])
-    assert len(printed[0]) == 3
-    assert printed[0] == printed[1]
-    with pytest.raises(SystemExit) as stopped:
-        main(["corners", str(tmp_path / "cell"), "--processes", "0"])
-    assert stopped.value.code == 2
 
 
 def test_processes_leave_an_interrupt_to_the_one_that_started_them() -> None:

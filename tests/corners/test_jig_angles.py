@@ -84,7 +84,6 @@ def test_scans_of_a_jig_out_of_square_tell_its_angles(certified: bool) -> None:
     free, held, angles = of_set(40, SKEW, 4, Jig(certified=certified))
     assert angles.held == "scans"
     assert angles.angles_deg is not None
-    assert angles.sigmas_deg is not None
     ways = [np.roll(order, turn) for order in (SKEW, SKEW[::-1]) for turn in range(3)]
     off = min(np.abs((np.array(angles.angles_deg) - way) / angles.sigmas_deg).max() for way in ways)
     assert off < 4

@@ -285,23 +285,6 @@ def test_a_scan_without_a_corner_fails_with_a_reason(case: str) -> None:
     assert found.summary().startswith("scan: no corner: ")
 
 
-@settings(max_examples=25, deadline=None)
-@given(
-    count=st.integers(0, 300),
-    kind=st.sampled_from(["grid", "cloud", "few values"]),
-    seed=st.integers(0, 10**6),
-)
-@pytest.mark.thorough
-def test_any_small_scan_gets_an_answer(count: int, kind: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    points = rng.uniform(-60, 60, (count, 3))
-    if kind != "cloud":
-        points = np.round(points / (10 if kind == "grid" else 60)) * (10 if kind == "grid" else 60)
-    found = search(points)
-    assert found.corner is None
-    assert found.failure
-
-
 def test_rows_without_depth_change_nothing() -> None:
     scene = make_scene(np.random.default_rng(4), 12_000)
     holes = np.vstack([scene.scan.points_mm, np.full((500, 3), np.nan)])

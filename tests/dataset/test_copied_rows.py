@@ -18,7 +18,6 @@ REPEATED, COPIED = 10, 40
 def with_rows(dataset: Dataset, poses: np.ndarray, xyz_mm: np.ndarray, prefix: str) -> Dataset:
     """The dataset with some training poses added again under other names, with the given points."""
     given, points = dataset.poses, dataset.points
-    assert points is not None
     rows = np.concatenate([np.arange(len(given)), poses])
     role = given.role[rows]
     role[len(given) :] = "train"

@@ -344,7 +344,6 @@ def test_datasets_are_found_here_or_one_folder_below(tmp_path: Path, folder: Pat
 
 def with_orientations(dataset: Dataset, seed: int) -> Dataset:
     """The dataset with full poses and joint covariances of all six errors; the third point has no orientation."""
-    assert dataset.points is not None
     rng = np.random.default_rng(seed)
     count = len(dataset.points)
     root = rng.normal(size=(count, 6, 6)) * np.array([0.05, 0.05, 0.05, 1e-4, 1e-4, 1e-4])[:, None]

@@ -20,6 +20,7 @@ from calib.models.fitted_model import FittedModel
 from calib.present.names import input_name, input_title
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import CurveModes, SmoothJointError
+from tests.support.changed import with_poses
 from tests.support.hidden_dataset import arm
 
 ODD_COLUMNS = (
@@ -33,7 +34,7 @@ def with_columns(dataset: Dataset, *names: str) -> Dataset:
     """The dataset with further columns of numbers, each in its own order."""
     rng = np.random.default_rng(5)
     columns = pd.DataFrame({name: rng.normal(size=len(dataset.poses)) for name in names})
-    return replace(dataset, poses=replace(dataset.poses, extra=columns))
+    return with_poses(dataset, extra=columns)
 
 
 def test_names_are_taken_apart_whole() -> None:

@@ -7,9 +7,8 @@ import json
 import shutil
 from pathlib import Path
 
+from tests.support import ROOT
 from tests.support.commands import printed
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_model_and_session_carry_hashes_that_any_tool_computes_and_the_command(tmp_path: Path) -> None:

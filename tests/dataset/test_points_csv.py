@@ -15,6 +15,7 @@ from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.errors import DatasetError
 from tests.support.arms import dataset_of, jang_arm, park_arm, perturbed
+from tests.support.changed import with_poses, with_xyz
 
 
 def measured(arm: str = "jang", seed: int = 0) -> Dataset:
@@ -25,8 +26,7 @@ def measured(arm: str = "jang", seed: int = 0) -> Dataset:
 
 
 def with_points(dataset: Dataset, xyz_mm: np.ndarray) -> Dataset:
-    assert dataset.points is not None
-    return dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+    return with_xyz(dataset, xyz_mm)
 
 
 def warnings_of(folder: Path, dataset: Dataset) -> Sequence[str]:
@@ -101,13 +101,12 @@ def test_places_that_many_poses_share_are_sockets_and_no_copies(tmp_path: Path) 
     half = len(xyz_mm) // 2
     xyz_mm[:half], xyz_mm[half:] = (0.0, 0.0, 0.0), (500.0, 0.0, 0.0)
     assert not [w for w in warnings_of(tmp_path, with_points(dataset, xyz_mm)) if "last digit" in w]
-    still = replace(dataset, poses=replace(dataset.poses, q=np.repeat(dataset.poses.q[:1], len(xyz_mm), axis=0)))
+    still = with_poses(dataset, q=np.repeat(dataset.poses.q[:1], len(xyz_mm), axis=0))
     assert "last digit" in " ".join(warnings_of(tmp_path, with_points(still, xyz_mm)))
 
 
 def with_sigmas(dataset: Dataset, sigma_mm: Sequence[float], row: int) -> Dataset:
     """The dataset with covariances of 0.03 mm, except `row`, which has the given sigmas along its own axes."""
-    assert dataset.points is not None
     points = dataset.points
     covariance = np.tile(0.03**2 * np.eye(3), (len(points), 1, 1))
     turn = Rotation.from_rotvec([0.4, 0.7, -0.2]).as_matrix()

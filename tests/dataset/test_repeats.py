@@ -22,6 +22,7 @@ from calib.dataset.repeats import (
 )
 from calib.fitting.observations import Observations
 from tests.support.arms import dataset_of
+from tests.support.changed import with_poses, with_xyz
 from tests.support.repeated_points import repeated
 
 
@@ -62,7 +63,6 @@ def test_mean_covariance_and_noise_of_repeats() -> None:
 def test_repeats_are_tested_against_their_own_covariances() -> None:
     """Repeats that scatter by 0.05 mm, with covariances of that size, of a third of it, and without any."""
     dataset = repeated(plain(), 5, np.random.default_rng(1), noise_mm=0.05)
-    assert dataset.points is not None
     assert scatter_against_covariances(dataset) is None
     for said_mm, ratio in ((0.05, 1.0), (0.05 / 3, 3.0)):
         covariance = np.broadcast_to(said_mm**2 * np.eye(3), (30, 3, 3))
@@ -124,7 +124,7 @@ def in_rounds(drift_mm: float) -> Dataset:
     dataset = repeated(plain(8), 5, np.random.default_rng(2), noise_mm=0.05, rounds=True)
     points = dataset.points.xyz_mm + drift_mm * np.repeat(np.arange(5), 8)[:, None] * np.array([1.0, 0.0, 0.0])
     timed = replace(dataset.poses, time_s=np.arange(40) * 30.0)
-    return replace(dataset.with_points(replace(dataset.points, xyz_mm=points)), poses=timed)
+    return replace(with_xyz(dataset, points), poses=timed)
 
 
 def test_visits_are_apart_where_time_shows() -> None:
@@ -151,7 +151,7 @@ def test_repeats_of_both_roles_give_a_warning() -> None:
     dataset = repeated(plain(), 4, np.random.default_rng(4))
     role = dataset.poses.role.copy()
     role[6:8] = "test"  # two of the four repeats of the second place
-    found = average_repeats(replace(dataset, poses=replace(dataset.poses, role=role)))
+    found = average_repeats(with_poses(dataset, role=role))
     assert found.points is not None
     assert len(found.points) == 7
     assert "both training and test poses: 1, " in found.warnings[-1]
@@ -162,13 +162,12 @@ def test_the_reference_pose_keeps_the_mean_of_its_group() -> None:
     dataset = repeated(plain(), 3, np.random.default_rng(5))
     role = dataset.poses.role.copy()
     role[0], role[5] = "train", "reference"
-    found = average_repeats(replace(dataset, poses=replace(dataset.poses, role=role)))
+    found = average_repeats(with_poses(dataset, role=role))
     np.testing.assert_array_equal(found.points.pose, [0, 5, 6, 9, 12, 15])
 
 
 def test_orientations_are_averaged() -> None:
     dataset = repeated(plain(), 3, np.random.default_rng(6), noise_mm=0.05)
-    assert dataset.points is not None
     rng = np.random.default_rng(7)
     true = Rotation.random(6, rng=rng)
     turns = Rotation.from_rotvec(0.01 * rng.normal(size=(18, 3)))
@@ -204,7 +203,6 @@ def test_a_row_written_twice_counts_once() -> None:
 
 def test_targets_measured_one_after_the_other_are_of_one_repeat_group() -> None:
     dataset = repeated(plain(), 3, np.random.default_rng(9))
-    assert dataset.points is not None
     names = np.tile(["smr1", "smr2", "smr3"], 6)
     found = average_repeats(dataset.with_points(replace(dataset.points, target=names)))
     np.testing.assert_array_equal(found.points.pose, np.repeat(np.arange(6) * 3, 3))

@@ -26,7 +26,6 @@ def measured(poses: int = 30) -> Dataset:
     rng = np.random.default_rng(5)
     nominal = jang_arm()
     dataset = dataset_of(nominal, perturbed(nominal, rng), rng, poses=poses, test=8)
-    assert dataset.points is not None
     frames = kinematics.forward(nominal.table, dataset.poses.q, nominal.is_revolute).base_T_frame
     left, right = Rotation.random(2, random_state=6).as_matrix()
     noise = Rotation.from_rotvec(rng.normal(size=(len(dataset.poses), 3)) * 0.003).as_matrix()
@@ -209,7 +208,6 @@ def test_the_other_order_is_told_where_attitudes_hardly_vary_or_points_miss_the_
     q = dataset.poses.q.copy()
     q[:, :3] = rng.uniform(-1.0, 1.0, (len(q), 3))
     held = kinematics.forward(arm.table, q, arm.is_revolute)
-    assert dataset.points is not None
     facing = replace(
         dataset.points,
         xyz_mm=held.target_mm,

@@ -12,7 +12,6 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.advice import Advice, advice_on
 from calib.diagnosis.diagnose import SearchState, next_move
-from calib.diagnosis.headline import held_out_beyond_noise
 from calib.diagnosis.moves import AddEffect, LeaveOutPoses, next_effect
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit
@@ -24,13 +23,13 @@ from calib.effects.catalogue.thermal import ThermalGrowth
 from calib.effects.effect import Effect, Parameter
 from calib.effects.state import RobotState
 from calib.present.cause.verdict import advice as advice_words
-from calib.present.cause.verdict import residual
 from calib.present.effects import meaning
 from calib.rendering.blocks import plain
 from calib.screening.candidates import Screening
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 from calib.simulation.simulate import simulate_dataset
+from tests.support.changed import with_xyz
 
 
 def fitted(*effects: str, seed: int = 4) -> tuple[Calibration, Screening, ResidualTests]:
@@ -64,10 +63,6 @@ def judged(dataset: Dataset, *, max_effects: int = 3) -> Advice | Diagnosis:
     return move if isinstance(move, Diagnosis) else advice_on(move, tests, first.calibration)
 
 
-def left(calibration: Calibration, residual_tests: ResidualTests) -> str:
-    return plain(residual(residual_tests, held_out_beyond_noise(calibration, residual_tests.noise_mm)))
-
-
 def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
     advice = judged(hidden[0].dataset)
     assert isinstance(advice, Advice)
@@ -75,19 +70,6 @@ def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screeni
     assert advice.effect == "transmission_error"
     assert "a systematic dependence on" in plain(advice_words(advice))
     assert "(transmission_error) explains it best" in plain(advice_words(advice))
-
-
-def test_each_result_of_the_residual_tests_has_its_words(
-    clean: tuple[Calibration, Screening, ResidualTests],
-) -> None:
-    residual_tests = clean[2]
-    first = replace(residual_tests.inputs[0], input="torque4", p_value=1e-4)
-    pattern = replace(residual_tests, inputs=(first, *residual_tests.inputs[1:]))
-    large = replace(residual_tests, lack_of_fit_p=1e-6)
-    lone = replace(residual_tests, outlier_poses=("p07",))
-    assert "gravity's torque on joint 4" in left(clean[0], pattern)
-    assert "more than noise" in left(clean[0], large)
-    assert "p07" in left(clean[0], lone)
 
 
 @pytest.mark.slow
@@ -124,7 +106,7 @@ def test_poses_that_stand_out_are_to_be_left_out(
     xyz_mm = dataset.points.xyz_mm.copy()
     xyz_mm[7] += [0.0, 2.0, 0.0]
     pose = dataset.poses.ids[dataset.points.pose[7]]
-    advice = judged(dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm)))
+    advice = judged(with_xyz(dataset, xyz_mm))
     assert isinstance(advice, Advice)
     assert isinstance(advice.move, LeaveOutPoses)
     assert advice.move.poses == (pose,)

@@ -23,6 +23,7 @@ from calib.effects.state import RobotState
 from calib.present.cause import verdict as told
 from calib.rendering.text import plain
 from calib.simulation.simulate import simulate_dataset
+from tests.support.changed import with_poses
 from tests.support.hidden_dataset import with_joint_errors
 
 
@@ -177,8 +178,7 @@ def test_poses_inside_the_gap_of_a_step_test_nothing() -> None:
     in_gap = (order >= 30) & (order < 36)
     tested = (in_gap | (order % 10 == 5)) & (dataset.poses.role != "reference")
     role = np.where(tested, "test", np.where(dataset.poses.role == "test", "train", dataset.poses.role))
-    dataset = replace(dataset, poses=replace(dataset.poses, role=role))
-    assert dataset.points is not None
+    dataset = with_poses(dataset, role=role)
     before = calibrate(dataset)
     step = JointStep(1, ChangePoint(30, dataset.poses.ids[36]))
     after = calibrate(dataset, effects=[step])

@@ -11,6 +11,7 @@ from calib.dataset.dataset import Dataset
 from calib.present.cause.verdict import verdict
 from calib.rendering.blocks import plain
 from calib.screening.leverage import changes_without_each
+from tests.support.changed import with_xyz
 from tests.support.paired_cell import ARMS, compliance, draw_pairs, measured
 
 
@@ -21,16 +22,14 @@ def with_one_heavy_pose(push_mm: float) -> Dataset:
     cell = replace(cell, payload_kg=np.where(np.arange(64) == 20, 8.0, 0.0))
     soft = [(compliance(1).cause, 20.0)]
     made = measured(cell, soft, rng, test_places=12)
-    assert made.points is not None
     sag_mm = (cell.reported(soft)["jig"] - cell.reported([])["jig"])[20]
     xyz_mm = made.points.xyz_mm + np.where(np.arange(64) == 20, push_mm, 0.0)[:, None] * sag_mm / np.linalg.norm(sag_mm)
-    return replace(made, points=replace(made.points, xyz_mm=xyz_mm))
+    return with_xyz(made, xyz_mm)
 
 
 def test_a_cause_that_one_pose_carries_is_suspected_and_the_pose_is_told() -> None:
     found = diagnose(with_one_heavy_pose(0.45))
     assert (found.verdict, found.missing, found.suspected) == ("unexplained", (), ("nonlinear_stiffness",))
-    assert found.hanging is not None
     assert found.hanging.pose == "p21_run1"
     assert "only pose p21_run1 speaks for nonlinear stiffness" in plain(verdict(found))
     right = diagnose(with_one_heavy_pose(0.0))

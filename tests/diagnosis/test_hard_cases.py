@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -19,6 +18,7 @@ from calib.effects.catalogue import family_of
 from calib.effects.catalogue.joints import AsymmetricScale, TransmissionError
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset
+from tests.support.changed import with_poses
 from tests.support.engine.cases import simulate as second
 from tests.support.engine.classes import cases as second_cases
 from tests.support.sweeps import sweep
@@ -103,6 +103,6 @@ def test_a_part_that_grows_with_the_angle_is_not_claimed_beside_an_open_cause_on
 def test_friction_that_never_slips_is_no_friction() -> None:
     dataset = simulate_dataset("rb5", rng=1, poses=40).dataset
     family = family_of(dataset, "path_friction")
-    narrow = replace(dataset, poses=replace(dataset.poses, q=0.05 * dataset.poses.q, came_from=np.zeros((0, 0))))
+    narrow = with_poses(dataset, q=0.05 * dataset.poses.q, came_from=np.zeros((0, 0)))
     wide = {member.length_deg for member in family.members if member.slips}
     assert max(wide) > max(m.length_deg for m in family_of(narrow, "path_friction").members if m.slips)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,6 +16,7 @@ from calib.models.exported_table import exported_table
 from calib.present.cause.actions import plain_verdict, what_to_do
 from calib.present.cause.diagnosis import diagnosis_document
 from calib.present.results import headline
+from tests.support.changed import with_poses
 from tests.support.engine.cases import Case, simulate
 
 
@@ -76,7 +75,7 @@ def test_a_test_pose_between_the_two_sides_counts_for_neither(kicked: Dataset, f
     role = kicked.poses.role.copy()
     beside = kicked.poses.index(move.before) - 1
     role[beside] = "test"  # measured before the kick, which no fit can know
-    dataset = replace(kicked, poses=replace(kicked.poses, role=role))
+    dataset = with_poses(kicked, role=role)
     step = next(m for m in available_family(dataset, "scanner_step").members if m.start.pose == move.before)
     sigmas = found.calibration.model.prior_sigmas
     fit = fit_measured(dataset, found.calibration.options, effects=[step], prior_sigmas=sigmas)

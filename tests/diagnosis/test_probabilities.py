@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from calib import diagnose
 from calib.diagnosis.probabilities import (
     UNKNOWN,
     CauseOption,
@@ -19,12 +18,6 @@ from calib.diagnosis.probabilities import (
 from calib.diagnosis.result import Diagnosis
 from calib.present.cause.budget import probability_sentence
 from calib.rendering.blocks import plain
-from tests.support.golden import SAMPLES
-
-
-@pytest.fixture(scope="module")
-def found() -> Diagnosis:
-    return diagnose(SAMPLES / "hidden_effect_b")  # of two effects
 
 
 @pytest.mark.thorough

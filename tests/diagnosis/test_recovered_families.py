@@ -79,7 +79,7 @@ def test_each_is_ranked_first_and_fitted_to_the_noise(name: str, arm: str) -> No
     assert after.sigma_mm < 1.2 * NOISE_MM
     # The mean: no fit can tell whether a test pose beside a step was measured before it.
     assert after.after.test.mean_mm < 0.6 * before.after.test.mean_mm
-    fitted = {p.name: (x, s) for p, x, s in zip(after.fit.parameters, after.fit.x, after.fit.sigma, strict=True)}
+    fitted = after.fit.by_name
     (true,) = simulation.truth.effects
     for begin, value in TRUTHS.get(name, lambda _: {})(true).items():
         found = [of for full, of in fitted.items() if full.startswith(begin)]

@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
-
-import numpy as np
 
 from calib.calibration.held_out import HeldOutTest
-from calib.calibration.result import Calibration
-from calib.diagnosis.advice import Advice
 from calib.diagnosis.headline import HeldOutError
-from calib.diagnosis.moves import AddEffect, DropEffect, LeaveOutPoses
-from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.verdict import ConfoundedSet, Refusal
-from calib.planning.discrimination import DiscriminatingPose
-from calib.present.cause.diagnosis import confounded, poses_to_measure, refusal, residual_tests
-from calib.present.cause.verdict import advice, fault, move, promise, residual
+from calib.present.cause.diagnosis import residual_tests
+from calib.present.cause.verdict import fault, promise, residual
 from calib.rendering.blocks import Reference, plain
-from calib.screening.candidates import Candidate
 from calib.screening.residual_tests import InputTest, ResidualTests
 from calib.screening.scan_statistic import Channel
 from calib.screening.smooth_motions import JointFault
@@ -32,11 +21,6 @@ def test_faults_count_joints_from_one_and_tell_what_shows_at_the_tool() -> None:
     """Not the motion itself: most of one that is nearly a link error is absorbed, and 70 deg may leave 0.22 mm."""
     assert plain(fault(SWAY)).startswith("joint 1 moves the tool by about 0.22 mm")
     assert Reference("joint", 1, "joint 1") in fault(SWAY)
-
-
-def test_poses_are_told_in_degrees_and_millimetres() -> None:
-    one = DiscriminatingPose(np.array([np.pi / 2, 120.0]), 0.123)
-    assert poses_to_measure([one, one], np.array([True, False])) == "(90, 120): 0.12 mm apart; (90, 120): 0.12 mm apart"
 
 
 def test_noise_is_not_said_of_test_poses_that_are_off_by_more() -> None:
@@ -56,27 +40,3 @@ def test_the_residual_names_its_inputs_its_fault_and_the_poses_that_stand_out() 
     assert "does not depend systematically on any of 1 input " in plain(without)
     along = replace(NOISE, inputs=(InputTest("x", 1e-3, Channel(axis="z")),))
     assert "along z of the instrument's frame" in plain(residual_tests(along))
-
-
-def test_an_effect_may_be_fitted_on_behalf_of_others() -> None:
-    words = confounded(ConfoundedSet("backlash", ("tool_sag",), ()), {"tool_sag": "the tool"})
-    assert Reference("effect", "tool_sag", "tool_sag") in words
-    assert "are indistinguishable at these poses; backlash is fitted on behalf of both" in plain(words)
-    assert plain(words).endswith("measure: for tool_sag, the tool.")
-    assert "test poses" in plain(refusal(Refusal("backlash", "test poses")))
-
-
-def added(name: str, log_evidence: float) -> AddEffect:
-    candidate = SimpleNamespace(name=name, log_evidence=log_evidence)
-    return AddEffect(cast(Candidate, candidate), None, "", (), cast(Calibration, None))
-
-
-def test_advice_names_the_effect_and_its_evidence() -> None:
-    said = plain(advice(Advice(added("backlash", 8.0), replace(NOISE, lack_of_fit_p=1e-9))))
-    assert said.startswith("What is left: more than noise, without a systematic dependence. backlash explains it best")
-    assert "log evidence is 8 " in said
-    assert "over the next 5" in plain(move(replace(added("backlash", 8.0), log_bayes_factor=5.0)))
-    out = move(LeaveOutPoses(cast(Diagnosis, SimpleNamespace(missing=("backlash",))), ("p3", "p7")))
-    assert {Reference("pose", "p3", "p3"), Reference("pose", "p7", "p7")} <= set(out)
-    assert "Leave them out" in plain(out)
-    assert "Remove it" in plain(move(DropEffect("backlash", (), cast(Calibration, None))))

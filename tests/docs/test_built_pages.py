@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.support import ROOT
+
 pytest.importorskip("sphinx")
 PLAIN = "myst_parser,sphinx_design,sphinx_copybutton,sphinx.ext.autodoc,mathml,reference,offline"
 PAGES = {

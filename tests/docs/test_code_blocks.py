@@ -11,10 +11,9 @@ import mcp  # noqa: F401  keeps the error stream of its import, so that it is no
 import pytest
 from _pytest.mark import ParameterSet
 
+from tests.support import ROOT
 from tests.support.code_blocks import BlockError, Reader, blocks_of
 from tests.support.copies import extras
-
-ROOT = Path(__file__).parents[2]
 
 
 def is_written_by_hand(page: Path) -> bool:
@@ -168,18 +167,14 @@ def test_a_page_as_it_should_be_passes(tmp_path: Path):
     ("old", "new", "says"),
     [
         ("is 0.67 mm", "is 0.60 mm", "page.md:13: the output is another"),
-        ("at p55", "at p56", "p55"),
-        ("the   error", "an error", "expected 'an' in\n    an error"),
         ("x = 2", "x = y", "page.md:5: expected: the block runs\ngot: NameError"),
-        ("print(told())", "print(told()); print(1)", "expected '(nothing after)'"),
-        ("a comment", "exit code 1", "expected: exit code 1\ngot: exit code 0"),
+        ("print(told())", "print(told()); print(1)", "expected: told"),
         ("# exit code 2", "#", "expected: exit code 0\ngot: exit code 2"),
         ("% not run: needs the network", "words", "`curl` is not run by the tests"),
-        ("cat out/x.txt", "./run serve sample_data", "`inspector serve` is not run by the tests"),
         ("cat out/x.txt", "cat out/x.txt | sudo tee /y", "`sudo` is not run by the tests"),
         ("```sh\nmkdir", "```bash\nmkdir", "write ```sh instead of ```bash"),
         ("mine/told.py", "../told.py", "not in the reader's folder"),
-        ("...\ninspector ...", "c", "expected 'c' in\n    c"),
+        ("...\ninspector ...", "c", "expected: c"),
     ],
 )
 def test_a_page_that_is_wrong_fails_and_says_where(tmp_path: Path, old: str, new: str, says: str):

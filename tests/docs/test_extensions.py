@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 import sys
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.support import ROOT
+
 pytest.importorskip("sphinx")
 
 
@@ -19,30 +19,6 @@ def extensions() -> Any:
     sys.path.insert(0, str(ROOT / "docs" / "extensions"))
     yield
     sys.path.remove(str(ROOT / "docs" / "extensions"))
-
-
-@pytest.mark.parametrize(
-    ("latex", "holds"),
-    [
-        (r"\frac{a}{b}", "<mfrac>"),
-        (r"\begin{aligned} a &= b \\ c &= d \end{aligned}", 'columnalign="right"'),
-        (r"a &= b \\ c &= d", 'columnalign="right"'),
-        (r"\boldsymbol{\theta}", "&#x1D73D;"),
-        (r"x_\mathrm{max}", "<mtext>max</mtext>"),
-        (r"\operatorname*{rank} J", "rank"),
-    ],
-)
-def test_equations_become_mathml_that_browsers_know(latex: str, holds: str):
-    made, fault = import_module("mathml").mathml(latex, display=True)
-    assert fault == ""
-    assert holds in made
-    assert made.startswith("<math alttext=")
-    assert "mathvariant=" not in made.replace('mathvariant="normal"', "")
-
-
-@pytest.mark.parametrize("latex", [r"\nosuchcommand x", r"a_1_2"])
-def test_what_is_not_understood_in_an_equation_is_told(latex: str):
-    assert import_module("mathml").mathml(latex, display=False)[1]
 
 
 def test_comments_beside_fields_become_their_documentation():

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support import ROOT
+
 interactiveshell = pytest.importorskip("IPython.core.interactiveshell")
 capture = pytest.importorskip("IPython.utils.capture")
 traitlets = pytest.importorskip("traitlets.config")
 
-ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs" / "notebooks" / "diagnose.ipynb"
 
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.support import ROOT
 from tests.support.code_blocks import Block, blocks_of, difference
 
-ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "tutorials" / "write_a_plugin.md"
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from calib import diagnose
+from calib import calibrate, diagnose, screen
 from calib.effects.catalogue import family_of
 from calib.effects.catalogue.friction import PathFriction, hysteresis, stick_and_slip
 from calib.effects.catalogue.thermal import lagged, workload
@@ -127,8 +127,8 @@ def test_friction_is_told_from_following_and_a_users_effect_knows_as_much() -> N
         noise_mm=0.05,
     ).dataset
     assert diagnose(dataset).missing == ("path_friction",)
-    own = families_from([WoundUp(joint) for joint in range(6)])
-    candidates = {c.name: c for c in diagnose(dataset, user_effects=own).steps[0].screening.candidates}  # type: ignore[union-attr]
+    families = [family_of(dataset, "path_friction"), *families_from([WoundUp(joint) for joint in range(6)])]
+    candidates = {c.name: c for c in screen(calibrate(dataset), families).candidates}
     assert candidates["wound_up"].log_evidence > 0.8 * candidates["path_friction"].log_evidence
 
 

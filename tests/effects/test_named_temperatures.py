@@ -48,7 +48,7 @@ def test_each_temperature_is_found_with_what_it_drives(warm: Path, tmp_path: Pat
     diagnosis = diagnose(load_dataset(warm))
     assert set(diagnosis.missing) == {"joint_compliance", "thermal_growth"}
     fit = diagnosis.calibration
-    found = {p.name: (x, s) for p, x, s in zip(fit.model.parameters, fit.fit.x, fit.fit.sigma, strict=True)}
+    found = fit.fit.by_name
     for name, truth in (
         ("thermal_growth.J2.turn_by_motor2_rad_per_k", TURN_RAD_PER_K),
         ("thermal_growth.kappa_by_hall_per_k", KAPPA_PER_K),

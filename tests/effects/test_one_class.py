@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT
+from tests.support.changed import with_xyz
 from tests.support.commands import answered
 
 
@@ -73,7 +74,7 @@ def hidden() -> Dataset:
     base_to_scanner = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""][:3, :3]
     column = dataset.robot.parameter_names.index("theta3")
     moved = target_jacobian(dataset.robot, q)[..., column] * (5e-4 * np.sin(23 * q[:, 2]))[:, None]
-    return dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved @ base_to_scanner.T))
+    return with_xyz(dataset, dataset.points.xyz_mm + moved @ base_to_scanner.T)
 
 
 @pytest.mark.usefixtures("listed")

@@ -88,7 +88,7 @@ def test_a_users_effect_reaches_another_body_the_pose_before_torque_and_attitude
     (tmp_path / "effects.py").write_text(EFFECTS, encoding="utf-8")
     families = load_effects(tmp_path / "effects.py", nominal_state(dataset))
     fit = calibrate(dataset, effects=["joint_compliance", *families])
-    found = {p.name: (x, s) for p, x, s in zip(fit.model.parameters, fit.fit.x, fit.fit.sigma, strict=True)}
+    found = fit.fit.by_name
     for name, truth in (
         ("torso.nod_rad", NOD_RAD),
         ("late.share", LATE),

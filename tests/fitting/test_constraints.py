@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,10 +11,10 @@ from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
 from calib.options import FitOptions
 from calib.present.over_time.checks import item_sentence
+from tests.support import ROOT
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
 from tests.support.constrained_arms import accepted_collapse
 
-ROOT = Path(__file__).parents[2]
 SOCKETS = ROOT.parent / "shared" / "data" / "mukca_panda_7"
 
 

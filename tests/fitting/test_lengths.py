@@ -47,7 +47,7 @@ def test_compliance_and_anchors_are_found_from_lengths(tmp_path: Path, poses: in
     mujoco()
     dataset = with_lengths(tmp_path / "cell", measured(poses), anchors)
     fit = calibrate(dataset, effects=[JointCompliance(1), JointCompliance(2)])
-    found = {p.name: (x, s) for p, x, s in zip(fit.model.parameters, fit.fit.x, fit.fit.sigma, strict=True)}
+    found = fit.fit.by_name
     for joint, truth in COMPLIANCE.items():
         value, sigma = found[f"joint_compliance.J{joint + 1}.c_rad_per_nm"]
         assert abs(value - truth) < 3.5 * sigma

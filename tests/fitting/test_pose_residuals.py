@@ -28,6 +28,7 @@ from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import base_T_target
 from calib.statistics import rms_length
+from tests.support.changed import with_poses
 from tests.support.fit_cases import (
     SIGMA_RAD,
     check_gradient,
@@ -40,7 +41,8 @@ from tests.support.fit_cases import (
 )
 
 DATASET = rich_dataset()
-MEMBERS = [member for family in effects_for(DATASET) for member in some_of(family)]
+UNHEATED = with_poses(DATASET, temperature_c=None)
+MEMBERS = [member for family in (*effects_for(DATASET), family_of(UNHEATED, "warm_up")) for member in some_of(family)]
 
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
@@ -134,7 +136,6 @@ def test_attitudes_of_the_fitted_arm_are_the_true_ones_up_to_base_and_seat() -> 
 
 def test_data_without_what_it_takes_are_told() -> None:
     dataset = full_poses(8, poses=12)
-    assert dataset.points is not None
     model = geometric_model(dataset.robot)
     points_only = dataset.with_points(replace(dataset.points, orientations=None))
     no_sigma = replace(dataset, scanner=replace(dataset.scanner, orientation_sigma_rad=None))
@@ -206,7 +207,7 @@ def test_frames_and_hand_eye_settle_where_a_joint_turns_the_wrong_way(joint: int
     made = simulate_dataset("rb5", rng=0, poses=30, orientation_sigma_rad=2e-4, setups=2)
     q = made.dataset.poses.q.copy()
     q[:, joint] *= -1.0
-    wrong = replace(made.dataset, poses=replace(made.dataset.poses, q=q))
+    wrong = with_poses(made.dataset, q=q)
     observed = with_nominal_scanner_frames(Observations.of(wrong), wrong.robot)
     residuals = PoseResiduals(geometric_model(wrong.robot), observed)
     x = np.zeros(len(residuals.parameters))

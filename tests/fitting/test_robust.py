@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from calib.calibration.plausibility import fit_without_outliers
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.folder import load_dataset
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.observations import Observations, weighted
@@ -26,7 +25,7 @@ from calib.present.fit.calibration import calibration_warnings, outlier_hint
 from calib.simulation.simulate import simulate_dataset
 from calib.statistics import chi2_ppf
 from tests.support import ROOT
-from tests.support.commands import answered
+from tests.support.changed import with_poses, with_xyz
 from tests.support.fit_cases import SIGMA_RAD, full_poses, seated, with_pose_covariances
 from tests.support.sweeps import sweep
 
@@ -154,25 +153,6 @@ def test_a_weight_is_one_of_all_six_coordinates() -> None:
     np.testing.assert_allclose(quarter, 0.5 * whole, atol=1e-6 * np.abs(whole).max())
 
 
-@pytest.mark.slow
-def test_the_command_takes_robust_poses_and_names_those_that_do_not_count(tmp_path: Path) -> None:
-    dataset, _ = arm(6)
-    point = int(np.flatnonzero(~dataset.poses.is_test)[5])
-    wrong = spoiled(dataset, point, turn=Rotation.from_rotvec([0.03, 0.0, 0.0]))
-    write_dataset(wrong, tmp_path / "wrong")
-    document = answered("calibrate", tmp_path / "wrong", "--residual", "pose", "--robust")
-    (warning,) = (w for w in document["warnings"] if "stands out of all others" in w)
-    assert dataset.poses.ids[point] in warning
-    by_library = calibrate(wrong, FitOptions("pose", robust=True))
-    assert document["sigma_mm"] == pytest.approx(by_library.sigma_mm, rel=1e-4)
-    # The test poses tell that the arm is as good as without the wrong pose; the plain fit is not.
-    best, bad = (
-        calibrate(dataset, FitOptions("pose")).after.test,
-        calibrate(wrong, FitOptions("pose")).after.test,
-    )
-    assert document["test"]["rmse_mm"] < 1.1 * best.rmse_mm < bad.rmse_mm
-
-
 # ---- positions ------------------------------------------------------------------------------------------------------
 
 
@@ -180,7 +160,7 @@ def measured_arm(seed: int, poses: int, effects: Sequence[str] = (), robot: str 
     """Simulated dataset with some training and 40 test poses; the effects are missing from the fitted model."""
     made = simulate_dataset(robot, rng=seed, poses=poses + 40, effects=effects)
     role = np.array(["reference"] + ["train"] * (poses - 1) + ["test"] * 40)
-    return replace(made.dataset, poses=replace(made.dataset.poses, role=role))
+    return with_poses(made.dataset, role=role)
 
 
 def moved(dataset: Dataset, points: Sequence[int], off_mm: float) -> Dataset:
@@ -188,7 +168,7 @@ def moved(dataset: Dataset, points: Sequence[int], off_mm: float) -> Dataset:
     away = np.random.default_rng(len(points)).normal(size=(len(points), 3))
     xyz_mm = dataset.points.xyz_mm.copy()
     xyz_mm[list(points)] += off_mm * away / np.linalg.norm(away, axis=1, keepdims=True)
-    return dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+    return with_xyz(dataset, xyz_mm)
 
 
 def without(dataset: Dataset, points: Sequence[int]) -> Dataset:

@@ -21,6 +21,7 @@ from calib.present.fit.calibration import calibration_warnings
 from calib.present.fit.redundancy import free_frame_sentence, tool_sentence
 from calib.rendering.blocks import plain
 from tests.support.arms import flange_dataset_of, perturbed, random_arm
+from tests.support.changed import with_poses
 from tests.support.fit_cases import check_last_columns, label, rich_dataset, some_of
 
 RICH = rich_dataset()
@@ -64,7 +65,7 @@ def test_several_mounts_and_targets_share_one_arm() -> None:
         nominal, perturbed(nominal, rng), rng, poses=99, test=20, targets=("jig", "west"), setups=("A", "B", "C")
     )  # fmt: skip
     role = np.where((dataset.poses.setup == "C") & (dataset.poses.role == "train"), "test", dataset.poses.role)
-    dataset = replace(dataset, poses=replace(dataset.poses, role=role))
+    dataset = with_poses(dataset, role=role)
     result = calibrate(dataset)
     assert result.after.test.rmse_mm < 1e-7
     assert "'C'" in calibration_warnings(result)[0]

@@ -23,6 +23,7 @@ from calib.options import FitOptions
 from calib.present.fit.calibration import calibration_warnings
 from calib.simulation.simulate import simulate_dataset
 from inspector.panels.model.fit import fit_html
+from tests.support.changed import with_xyz
 
 
 def simulated(robot: Robot, seed: int = 7, **more: object) -> Dataset:
@@ -61,7 +62,6 @@ def test_wrong_tools_end_where_the_right_one_does(residual: str) -> None:
 
 def test_several_setups_and_further_targets_do_not_mislead() -> None:
     dataset = simulated(builtin_robot("rb5"), setups=3)
-    assert dataset.points is not None
     right_mm = held_out_mm(dataset)
     assert held_out_mm(with_wrong_tool(dataset, (0.0, -150.0, 60.0))) == pytest.approx(right_mm, rel=1e-3)
     further = replace(dataset.robot, targets=(Target("smr2", (12.0, -40.0, 80.0)),))
@@ -136,7 +136,7 @@ def test_outliers_move_no_tool() -> None:
     dataset = simulated(builtin_robot("rb5"), poses=30)
     xyz_mm = dataset.points.xyz_mm.copy()
     xyz_mm[5] += [0.0, 50.0, 0.0]
-    spoilt = dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+    spoilt = with_xyz(dataset, xyz_mm)
     for options in (FitOptions(), FitOptions(robust=True)):
         assert calibrate(spoilt, options).tool_shift is None
 

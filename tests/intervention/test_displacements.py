@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ from calib import calibrate, frames
 from calib.intervention.displacements import PairDisplacements
 from calib.intervention.proof import interventions_of
 from calib.statistics import rms
-from inspector import figures
+from tests.support.changed import with_poses, with_xyz
 from tests.support.engine.cell import Cell
 from tests.support.paired_cell import ARMS, compliance, difference_mm, draw_pairs, measured, size_of
 
@@ -29,8 +27,8 @@ def soft() -> tuple[Cell, float, PairDisplacements]:
     moved = frames.make_transform(frames.rotation_from_rotvec([0.1, 0.2, -0.1]), np.array([50.0, 20.0, 0.0]))
     loaded = made.poses.payload_kg == 2.0
     xyz_mm = np.where(loaded[:, None], frames.apply(moved, made.points.xyz_mm), made.points.xyz_mm)
-    made = replace(made, poses=replace(made.poses, setup=np.where(loaded, "b", "a")))
-    (found,) = interventions_of(calibrate(replace(made, points=replace(made.points, xyz_mm=xyz_mm))))
+    made = with_poses(made, setup=np.where(loaded, "b", "a"))
+    (found,) = interventions_of(calibrate(with_xyz(made, xyz_mm)))
     assert found.proofs
     assert found.displacements is not None
     return cell, size, found.displacements
@@ -52,13 +50,3 @@ def test_what_was_moved_is_measured_without_the_motion_of_the_instrument(
     assert shown.held_out.sum() == 4
     assert np.array_equal(shown.after - shown.before, np.full(20, 20))
     assert shown.names[0].endswith("_run2")
-
-
-def test_the_figure_has_each_coordinate_of_each_pair(soft: tuple[Cell, float, PairDisplacements]) -> None:
-    cell, size, shown = soft
-    rng = np.random.default_rng(5)
-    (found,) = interventions_of(calibrate(measured(cell, [(compliance(1).cause, size)], rng, test_places=4)))
-    drawn = {trace.name: trace for trace in figures.moved_by_change(found).data}
-    assert len(drawn["fitted pairs, per coordinate"].x) == 48
-    assert len(drawn["held-out pairs"].x) == 12
-    assert np.allclose(sorted(drawn["held-out pairs"].y), sorted(found.displacements.moved_mm[shown.held_out].ravel()))

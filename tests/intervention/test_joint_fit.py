@@ -10,6 +10,7 @@ from calib import calibrate
 from calib.dataset.dataset import Dataset
 from calib.intervention.joint_fit import joint_fit
 from calib.intervention.proof import interventions_of
+from tests.support.changed import with_xyz
 from tests.support.paired_cell import ARMS, compliance, draw_pairs, measured, size_of
 
 NAME = "joint_compliance.J2.c_rad_per_nm"
@@ -27,7 +28,7 @@ def soft(misfit_mm: float = 0.0) -> tuple[Dataset, float]:
     made = measured(cell, [(cause, size)], rng, test_places=12)
     turns, phase = 1.5 * rng.standard_normal((6, 6)), rng.uniform(0.0, 2.0 * np.pi, 6)
     missed_mm = misfit_mm * np.sin(cell.q @ turns.T + phase) @ rng.standard_normal((6, 3)) / np.sqrt(3.0)
-    return replace(made, points=replace(made.points, xyz_mm=made.points.xyz_mm + missed_mm)), 1e-6 * size
+    return with_xyz(made, made.points.xyz_mm + missed_mm), 1e-6 * size
 
 
 def test_what_is_proven_lowers_the_held_out_error_of_single_poses() -> None:

@@ -14,6 +14,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset.further_columns import FurtherColumns
 from calib.intervention.pairs import Change, find_pairs
+from tests.support.changed import with_poses
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 
@@ -74,7 +75,7 @@ def test_conditions_that_never_differ_alone_are_named_together() -> None:
     made = dataset(places(4, visits=2), payload_kg=np.repeat([0.0, 2.0], 4), temperature_c=warm)
     (found,) = find_pairs(made)
     assert found.conditions == ("payload_kg", "temperature_c")
-    slightly = replace(made, poses=replace(made.poses, temperature_c=20.0 + 0.1 * np.arange(8)))
+    slightly = with_poses(made, temperature_c=20.0 + 0.1 * np.arange(8))
     assert find_pairs(slightly)[0].conditions == ("payload_kg",), "no temperature that changes a length"
 
 
@@ -96,7 +97,6 @@ def test_further_conditions(conditions: dict[str, object], name: str) -> None:
 
 def test_a_target_that_was_exchanged() -> None:
     made = dataset(places(4, visits=2))
-    assert made.points is not None
     exchanged = replace(made.points, target=np.repeat(["jig", "ball"], 4))
     (found,) = find_pairs(replace(made, points=exchanged))
     assert found.conditions == ("target",)
@@ -106,7 +106,7 @@ def test_a_place_with_a_test_pose_is_held_out() -> None:
     made = dataset(places(4, visits=2), payload_kg=np.repeat([0.0, 2.0], 4))
     role = made.poses.role.copy()
     role[7] = "test"
-    (found,) = find_pairs(replace(made, poses=replace(made.poses, role=role)))
+    (found,) = find_pairs(with_poses(made, role=role))
     assert found.poses[found.is_held_out].tolist() == [3, 7]
 
 

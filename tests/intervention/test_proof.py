@@ -15,6 +15,7 @@ from calib.intervention.proof import Proof, interventions_of
 from calib.present.cause.interventions import intervention_sections
 from calib.rendering.blocks import FigurePlace
 from inspector.figures.results.places import draw
+from tests.support.changed import with_xyz
 from tests.support.engine.joint_causes import moves
 from tests.support.engine.load_causes import thermal_growth
 from tests.support.paired_cell import ARMS, Member, base, bending, compliance, draw_pairs, measured, proofs_of, size_of
@@ -109,7 +110,7 @@ def test_a_cause_that_held_out_pairs_refute_is_not_proven() -> None:
     assert proofs_of(made)
     first = [made.poses.index(pose.replace("_run2", "_run1")) for pose in made.poses.ids]
     xyz_mm = np.where(made.poses.is_test[:, None], made.points.xyz_mm[first], made.points.xyz_mm)
-    assert proofs_of(replace(made, points=replace(made.points, xyz_mm=xyz_mm))) == ()
+    assert proofs_of(with_xyz(made, xyz_mm)) == ()
 
 
 # ---- what must not matter -------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from calib.planning.discrimination import next_poses
 from calib.planning.effect_hypotheses import hypothesis_sets
 from calib.present.cause.interventions import intervention_sentences, proven_document
 from calib.rendering.blocks import plain
+from tests.support.changed import with_poses, with_xyz
 from tests.support.paired_cell import ARMS, Member, compliance, draw_pairs, measured, with_joints_held
 
 SOFT = 7.5e-5  # rad/Nm
@@ -85,7 +86,7 @@ def test_a_fit_that_has_the_other_part_of_a_set_contradicts_nothing(soft: Datase
 
 def test_what_the_joints_alone_decide_is_no_rival_however_noisy_their_encoders(soft: Dataset) -> None:
     noisy = np.degrees(soft.poses.q[:, 0]) + 0.01 * np.random.default_rng(0).standard_normal(len(soft.poses))
-    read = replace(soft, poses=replace(soft.poses, extra=FurtherColumns({"link_q1_deg": noisy})))
+    read = with_poses(soft, extra=FurtherColumns({"link_q1_deg": noisy}))
     fit = calibrate(read)
     robot = with_masses(fit.model.calibrated_robot(fit.fit.x))
     candidates = candidates_of(differences_of(fit.dataset, find_pairs(fit.dataset)[0], robot), fit.dataset)
@@ -98,4 +99,4 @@ def test_a_proof_does_not_hang_on_one_place() -> None:
     pushed = np.isin(made.poses.ids, ["p07_run2", "p07_run3"])[made.points.pose]
     for push_mm in (0.5, 1.0, 3.0):
         moved = made.points.xyz_mm + np.where(pushed[:, None], [0.3 * push_mm, 0.0, -push_mm], 0.0)
-        assert proven(replace(made, points=replace(made.points, xyz_mm=moved))).proofs == ()
+        assert proven(with_xyz(made, moved)).proofs == ()

@@ -14,6 +14,7 @@ from calib.intervention.displacements import PairDisplacements, displacements_of
 from calib.intervention.pairs import find_pairs
 from calib.intervention.proof import Intervention, interventions_of
 from calib.statistics import rms
+from tests.support.changed import with_xyz
 from tests.support.paired_cell import ARMS, compliance, draw_pairs, measured
 
 LOADS_KG = (0.0, 1.25, 2.5)
@@ -32,7 +33,7 @@ def recorded(seed: int) -> Dataset:
     made = measured(cell, causes, rng, noise_mm=SIGMA_MM)
     turns, phase = 2.0 * rng.standard_normal((6, cell.q.shape[1])), rng.uniform(0.0, 2.0 * np.pi, 6)
     missed_mm = np.sin(cell.q @ turns.T + phase) @ rng.standard_normal((6, 3)) / np.sqrt(3.0)
-    made = replace(made, points=replace(made.points, xyz_mm=made.points.xyz_mm + missed_mm))
+    made = with_xyz(made, made.points.xyz_mm + missed_mm)
     return made.leave_out([made.poses.ids[70]])
 
 

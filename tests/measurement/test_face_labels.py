@@ -22,6 +22,7 @@ from calib.present import to_dict
 from calib.present.fit.corners import face_labelling
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
+from tests.support.changed import with_poses
 from tests.support.jig_corners import UNEVEN, corner_of, error_rad
 
 
@@ -135,7 +136,7 @@ def two_poses(simulation: Simulation, turn_deg: float, second: np.ndarray):
     q[1, 0] += np.radians(turn_deg)  # about an axis that stands still
     rng = np.random.default_rng(10)
     corners = {"p01": corner_of(np.eye(3), rng), "p02": corner_of(second.T[[2, 0, 1]], rng)}
-    return replace(dataset, poses=replace(dataset.poses, q=q)), corners
+    return with_poses(dataset, q=q), corners
 
 
 def test_without_a_placed_scanner_each_pose_is_named_as_the_one_before(simulation):
@@ -161,7 +162,7 @@ def test_continuity_refuses_what_it_cannot_know_and_says_what_would_help(simulat
     assert "120 deg by the joint angles" in looks_still.refused["p02"]
     dataset, corners = two_poses(simulation, 0.0, np.eye(3))
     moved = np.array(["a", "b", *dataset.poses.setup[2:]])
-    elsewhere = label_corners(replace(dataset, poses=replace(dataset.poses, setup=moved)), corners)
+    elsewhere = label_corners(with_poses(dataset, setup=moved), corners)
     assert "the scanner's setup is not that of p01" in elsewhere.refused["p02"]
     assert "1 corner of its setup" in elsewhere.refused["p02"]
 
@@ -181,7 +182,7 @@ def test_a_robot_that_does_not_fit_the_corners_is_told(simulation):
     dataset, corners, _ = labelled(simulation, np.random.default_rng(7))
     q = dataset.poses.q.copy()
     q[:, 2] *= -1.0
-    result = label_corners(replace(dataset, poses=replace(dataset.poses, q=q)), corners)
+    result = label_corners(with_poses(dataset, q=q), corners)
     assert len(result.orientations) < 10
     assert all("the joint angles with their signs" in reason for reason in result.refused.values())
 
@@ -191,12 +192,12 @@ def test_a_robot_that_is_wrong_at_many_poses_names_none(simulation):
     dataset, corners, _ = labelled(simulation, np.random.default_rng(7))
     q = dataset.poses.q.copy()
     q[:, 5] *= -1.0
-    result = label_corners(replace(dataset, poses=replace(dataset.poses, q=q)), corners)
+    result = label_corners(with_poses(dataset, q=q), corners)
     assert result.by == "continuity"
     assert len(result.orientations) < 10
     assert all("of the last joint above all" in reason for reason in result.refused.values())
     marked, corners, true = labelled(simulation, np.random.default_rng(7), UNEVEN)  # such a jig needs no robot
-    by_angles = label_corners(replace(marked, poses=replace(marked.poses, q=q)), corners)
+    by_angles = label_corners(with_poses(marked, q=q), corners)
     assert by_angles.by == "angles"
     for i, found in enumerate(by_angles.orientations.values()):
         assert np.linalg.norm(error_rad(true[i], found.scanner_R_jig)) < 3e-3

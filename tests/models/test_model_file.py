@@ -40,6 +40,7 @@ from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import CurveModes, FormulaModes, FormulaTerm, SmoothJointError
 from calib.simulation.simulate import simulate_dataset
 from calib.strict_json import JsonFile
+from tests.support.changed import with_poses
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 FAMILIES = (HIDDEN, "joint_compliance", "backlash", "thermal_growth", "scanner_drift", "scanner_distortion")
@@ -127,7 +128,7 @@ def test_every_member_of_the_catalogue_comes_back() -> None:
     dataset = simulate_dataset(robot, rng=0, poses=20, conditions=True).dataset
     file = JsonFile(Path("m.json"), "model file", "", ModelFileError)
     unweighed = replace(robot, joints=tuple(replace(j, mass_kg=None, com_mm=None) for j in robot.joints))
-    unheated = replace(dataset, poses=replace(dataset.poses, temperature_c=None))
+    unheated = with_poses(dataset, temperature_c=None)
     sets = (dataset, replace(dataset, robot=unweighed), unheated)
     members = [member for one in sets for family in effects_for(one) for member in family.members]
     assert len(members) > 150

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import io
-import tarfile
 import tomllib
 import zipfile
 from collections.abc import Callable
@@ -13,7 +11,7 @@ from types import ModuleType
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.support import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +64,6 @@ def check(artefacts: ModuleType, names: set[str], files: Files, folder: Path) ->
     artefacts.check_wheel(folder / artefacts.WHEEL, names)
 
 
-def test_a_right_wheel_passes(artefacts: ModuleType, names: set[str], right: Files, tmp_path: Path):
-    check(artefacts, names, right, tmp_path)
-
-
 def without(name: str) -> Callable[[Files], Files]:
     return lambda files: {key: content for key, content in files.items() if not key.endswith(name)}
 
@@ -106,31 +100,3 @@ def test_a_wrong_wheel_is_refused(
 ):
     with pytest.raises(SystemExit, match=says):
         check(artefacts, names, spoil(right), tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "says"),
-    [
-        (lambda names: names, None),
-        (lambda names: names - {"LICENSE"}, "lacks .*LICENSE"),
-        (lambda names: names | {"tests/test_jig.py"}, "holds .*tests"),
-        (lambda names: names | {"sample_data/ur10_ipa/points.csv"}, "has the samples .*ur10_ipa"),
-    ],
-)
-def test_an_sdist_holds_neither_tests_nor_data_of_others(
-    artefacts: ModuleType, tmp_path: Path, spoil: Callable[[set[str]], set[str]], says: str | None
-):
-    right = artefacts.PAPERS | {
-        "calib/a.py",
-        "inspector/b.py",
-        "robot_calibration_inspector.egg-info/PKG-INFO",
-    }
-    right |= {f"sample_data/{name}/points.csv" for name in artefacts.SAMPLES}
-    with tarfile.open(tmp_path / artefacts.SDIST, "w:gz") as archive:
-        for name in spoil(right):
-            archive.addfile(tarfile.TarInfo(f"{artefacts.STEM}/{name}"), io.BytesIO())
-    if says is None:
-        artefacts.check_sdist(tmp_path / artefacts.SDIST)
-        return
-    with pytest.raises(SystemExit, match=says):
-        artefacts.check_sdist(tmp_path / artefacts.SDIST)

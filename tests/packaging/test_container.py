@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import fnmatch
 import json
 import re
-import shlex
 import shutil
 import subprocess
 import tomllib
 from pathlib import Path
 
-import pytest
-
 from inspector.cli.commands import commands
 from inspector.cli.parser import parser_of
-from inspector.server.viser_server import origin_allowed
+from tests.support import ROOT
 
-ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
@@ -56,13 +51,6 @@ def test_what_it_starts_is_the_server_on_the_folder_that_is_mounted():
     assert (asked["host"], str(asked["port"])) == ("0.0.0.0", port()), "a port of the container reaches no loopback"
 
 
-@pytest.mark.parametrize("outside", ["127.0.0.1:8080", "localhost:8080", "127.0.0.1:9000"])
-def test_the_page_may_talk_to_it_through_a_port_of_the_host(outside: str):
-    assert origin_allowed(f"http://{outside}", outside, bound_host="0.0.0.0")
-    assert not origin_allowed("http://page.example", outside, bound_host="0.0.0.0")
-    assert not origin_allowed("http://page.example:8080", "page.example:8080", bound_host="0.0.0.0")
-
-
 def test_its_steps_are_shell_and_name_the_systems_libraries_of_run():
     for step, text in STEPS:
         if step == "RUN":
@@ -81,49 +69,3 @@ def test_its_python_and_extras_are_the_projects():
     assert f"Programming Language :: Python :: {version[1]}" in PROJECT["classifiers"]
     extras = set(given("ARG").removeprefix("EXTRAS=").split(","))
     assert "page" in extras <= set(PROJECT["optional-dependencies"])
-
-
-def ignored(path: str) -> bool:
-    """Whether .dockerignore keeps a file out: the last pattern that matches it or a folder above it decides."""
-    out = False
-    parts = path.split("/")
-    above = ["/".join(parts[: end + 1]) for end in range(len(parts))]
-    for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines():
-        pattern = line.removeprefix("!").removeprefix("**/")
-        if not pattern or pattern.startswith("#"):
-            continue
-        names = parts if "**/" in line else above
-        depths = [name for name in names if "**/" in line or name.count("/") == pattern.count("/")]
-        if any(fnmatch.fnmatchcase(name, pattern) for name in depths):
-            out = not line.startswith("!")
-    return out
-
-
-def test_the_image_is_built_from_what_the_wheel_needs_and_no_more():
-    data = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["data-files"]
-    samples = [pattern.replace("*", "points.csv") for patterns in data.values() for pattern in patterns]
-    needed = [
-        "pyproject.toml",
-        "README.md",
-        "LICENSE",
-        "MANIFEST.in",
-        "calib/frames.py",
-        "inspector/py.typed",
-    ]
-    named = shlex.split((ROOT / "MANIFEST.in").read_text().splitlines()[0])[1:]
-    assert [path for path in [*needed, *named, *samples] if ignored(path)] == []
-    kept_out = [
-        ".git/config",
-        ".venv/bin/python",
-        "tests/test_jig.py",
-        "build/lib/calib/frames.py",
-        "my_data/a/poses.csv",
-    ]
-    kept_out += [
-        "sample_data/ur10_ipa/points.csv",
-        "calib/__pycache__/frames.pyc",
-        "docs/index.md",
-        ".env",
-        ".git/config",
-    ]
-    assert [path for path in kept_out if not ignored(path)] == []

@@ -13,9 +13,10 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
+from tests.support import ROOT
+
 yaml = pytest.importorskip("yaml")
 
-ROOT = Path(__file__).parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
@@ -113,21 +114,6 @@ def test_a_workflow_calls_programs_of_the_project_and_pinned_actions(path: Path)
 
 # ---- CITATION.cff and CHANGELOG.md ----------------------------------------------------------------------------------
 
-# Of github.com/citation-file-format/citation-file-format, version 1.2.0: what is required, and the keys used here.
-ROOT_KEYS = {
-    "cff-version",
-    "title",
-    "message",
-    "type",
-    "authors",
-    "license",
-    "version",
-    "abstract",
-    "keywords",
-}
-ROOT_KEYS |= {"references", "date-released", "doi", "identifiers", "repository-code", "url"}
-KINDS = ("Added", "Changed", "Deprecated", "Removed", "Fixed", "Security")
-
 
 def headings() -> list[str]:
     """The changelog's headings below its title."""
@@ -145,17 +131,3 @@ def test_the_changelog_keeps_its_form():
     assert numbers == sorted(set(numbers), reverse=True)
     assert dates == sorted(dates, reverse=True)
     assert all(number <= Version(PROJECT["version"]) for number in numbers), "pyproject.toml has an older version"
-
-
-@pytest.mark.thorough
-def test_the_changelog_has_each_kind_of_change_once_a_version():
-    kinds: list[str] = []
-    for line in headings():
-        if line.startswith("### "):
-            kind = line.removeprefix("### ")
-            assert kind in KINDS
-            assert kind not in kinds, f"{kind} twice in a version"
-            kinds.append(kind)
-        else:
-            assert line.startswith("## "), line
-            kinds = []

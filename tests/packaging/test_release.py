@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import ast
 import re
-import runpy
 import tomllib
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from packaging.requirements import Requirement
 
+from tests.support import ROOT
+
 yaml = pytest.importorskip("yaml")
 
-ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 ROS = ROOT / "release" / "ros2" / "robot_calibration_inspector_ros"
 
@@ -41,19 +40,6 @@ def test_the_ros_package_is_of_this_version_and_its_files_exist() -> None:
         ast.parse(file.read_text())
 
 
-@pytest.mark.parametrize(
-    ("given", "kept"),
-    [
-        (["check", "folder"], ["check", "folder"]),
-        (["check", "--ros-args", "-r", "__node:=x"], ["check"]),
-        (["--ros-args", "--log-level", "info", "--", "check"], ["check"]),
-    ],
-)
-def test_arguments_of_ros_do_not_reach_the_command(given: list[str], kept: list[str]) -> None:
-    run = runpy.run_path(str(ROS / ROS.name / "run.py"))
-    assert run["without_ros_args"](given) == kept
-
-
 def test_figures_of_the_paper_are_those_of_the_documentation() -> None:
     paper = (ROOT / "paper" / "paper.md").read_text()
     pages = [ROOT / "docs" / "measured.md", ROOT / "docs" / "extras" / "camera.md"]
@@ -62,9 +48,3 @@ def test_figures_of_the_paper_are_those_of_the_documentation() -> None:
     figures = {figure for line in table for figure in re.findall(r"\d+\.\d+", line)}
     assert len(figures) > 10
     assert {figure for figure in figures if figure not in told} == set()
-
-
-def test_the_paper_cites_what_its_bibliography_has() -> None:
-    folder = ROOT / "paper"
-    cited = set(re.findall(r"\[@(\w+)\]", (folder / "paper.md").read_text()))
-    assert cited == set(re.findall(r"@article\{(\w+),", (folder / "paper.bib").read_text()))

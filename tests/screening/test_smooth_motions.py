@@ -20,6 +20,7 @@ from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.joint_effects import JointDent as TrueDent
 from calib.simulation.truth.order_effects import JointStep as TrueStep
+from tests.support.changed import with_xyz
 
 
 def simulated(effects: tuple[str, ...] = (), *, seed: int = 0, sigmas: float = 2.0, robot: str = "rb5") -> Simulation:
@@ -109,7 +110,7 @@ def test_one_wrong_pose_is_no_dent() -> None:
     xyz = dataset.points.xyz_mm.copy()
     wrong = int(np.flatnonzero(~dataset.poses.is_test)[17])
     xyz[wrong] += [1.0, -1.0, 0.8]
-    spoilt = dataset.with_points(replace(dataset.points, xyz_mm=xyz))
+    spoilt = with_xyz(dataset, xyz)
     residual_tests = run_residual_tests(spoilt, project_residual(calibrate(spoilt)))
     assert residual_tests.outlier_poses == (dataset.poses.ids[wrong],)
     assert residual_tests.fault is None

@@ -14,10 +14,11 @@ from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
 from calib.screening.member_columns import member_columns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 from calib.screening.sparse_evidence import RARITY, SparseColumns, evaluate_sparse
+from tests.support.changed import with_poses, with_xyz
 from tests.support.fit_cases import rich_dataset
 
 DATASET = rich_dataset()
-UNHEATED = replace(DATASET, poses=replace(DATASET.poses, temperature_c=None))
+UNHEATED = with_poses(DATASET, temperature_c=None)
 SPARSE = [family for family in (*effects_for(DATASET), family_of(UNHEATED, "warm_up")) if family.sparse]
 
 
@@ -137,7 +138,7 @@ def test_what_predicts_no_pose_that_is_left_out_has_no_evidence() -> None:
     """One pose is wrong by far: whatever of one place or pose reaches it explains it and predicts nothing."""
     xyz = DATASET.points.xyz_mm.copy()
     xyz[17] += [3.0, -3.0, 2.0]
-    spoilt = DATASET.with_points(replace(DATASET.points, xyz_mm=xyz))
+    spoilt = with_xyz(DATASET, xyz)
     screening = screen(calibrate(spoilt), effects_for(spoilt))
     sparse = [c for c in screening.candidates if c.family.sparse]
     assert any(c.explained_share > 0.3 for c in sparse)

@@ -34,7 +34,6 @@ def test_points_are_those_of_an_engine_that_shares_no_code() -> None:
     made = simulate_dataset(RB5, rng=1, noise_mm=0.0, poses=10)
     model = mujoco_model(made.truth.robot)
     flange = int(model.jnt_bodyid[-1])
-    assert made.truth.base_T_jig is not None
     for q, apex_mm in zip(made.dataset.poses.q, made.apex_mm, strict=True):
         data = in_mujoco(model, made.truth.robot, q)
         base_T_flange = frames.make_transform(data.xmat[flange].reshape(3, 3), 1e3 * data.xpos[flange])

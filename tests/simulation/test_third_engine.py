@@ -143,7 +143,6 @@ def test_friction_depends_on_the_way_and_not_on_the_place() -> None:
     way = np.tile([0.0, 0.3, 0.0, -0.3], 10)  # each place is come to from both sides
     session = replace(session, q=np.repeat(way[:, None], 6, axis=1))
     cause = dahl_friction(session, np.random.default_rng(0))
-    assert cause.flex is not None
     wound = cause.flex(session, session.plain, 1.0).joint
     joint = int(np.argmax(np.abs(wound).max(axis=0)))
     np.testing.assert_allclose(wound[4::4, joint], -wound[2::4, joint][:9], rtol=1e-6)

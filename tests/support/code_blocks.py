@@ -193,22 +193,9 @@ def difference(expected: str, got: str) -> str:
             continue
         end = stretch.ends(printed, at, anywhere=anywhere, at_end=last)
         if end < 0:
-            return _told(expected, stretch, printed, at, anywhere)
+            return f"expected: {stretch.text.strip()[:300]}\ngot: {printed[at:][:300].strip() or '(nothing more)'}"
         at = end
     return "" if at == len(printed) else f"expected: nothing more\ngot:\n    {printed[at:][:300].strip()}"
-
-
-def _told(expected: str, stretch: Stretch, printed: str, at: int, anywhere: bool) -> str:
-    """The first word that disagrees, and what is printed there."""
-    words = [*stretch.text.split(), "(nothing after)"]
-    for count in range(len(words) - 1, -1, -1):
-        agreeing = Stretch(" ".join(words[:count]), stretch.whole_words)
-        end = agreeing.ends(printed, at, anywhere=anywhere, at_end=False) if count else at
-        if end >= 0:
-            break
-    line = next((line for line in expected.splitlines() if words[count] in line.split()), stretch.text[-200:])
-    got = printed[end:][:300].strip() or "(nothing more)"
-    return f"expected {words[count]!r} in\n    {line.strip()}\ngot:\n    {got}"
 
 
 # ---- running --------------------------------------------------------------------------------------------------------

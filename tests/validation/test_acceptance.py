@@ -21,6 +21,7 @@ from calib.validation import acceptance
 from calib.validation.acceptance import CheckItem, ErrorRatio, ResidualSigma, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.changed import with_xyz
 from tests.support.commands import answered, printed
 from tests.support.scan_scene import make_scene
 
@@ -37,7 +38,7 @@ def spoilt(dataset: Dataset, by_mm: float, poses: int = 13) -> Dataset:
     xyz = dataset.points.xyz_mm.copy()
     rows = np.flatnonzero(dataset.poses.is_test[dataset.points.pose])[:poses]
     xyz[rows, np.arange(len(rows)) % 3] += by_mm
-    return dataset.with_points(replace(dataset.points, xyz_mm=xyz))
+    return with_xyz(dataset, xyz)
 
 
 def finding(of: tuple[CheckItem, ...], name: str) -> CheckItem:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,6 +12,7 @@ from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import Check
 from calib.validation.remounting import remounting
+from tests.support.changed import with_xyz
 
 
 def simulated(seed: int = 0, poses: int = 64) -> Dataset:
@@ -21,8 +20,7 @@ def simulated(seed: int = 0, poses: int = 64) -> Dataset:
 
 
 def with_points_mm(dataset: Dataset, xyz_mm: np.ndarray) -> Dataset:
-    assert dataset.points is not None
-    return dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+    return with_xyz(dataset, xyz_mm)
 
 
 def scanner_moved(dataset: Dataset) -> Dataset:

@@ -50,8 +50,6 @@ def test_a_cause_comes_back_with_its_value(soft: Recurrence) -> None:
     (back,) = (cause for cause in soft.causes if cause.comes_back)
     assert (back.cause, back.joint, back.found_in) == ("joint_compliance", 2, ("run0", "run1"))
     for value, sigma in zip(back.values, back.sigmas, strict=True):
-        assert value is not None
-        assert sigma is not None
         assert abs(value - 2e-5) < 4.0 * sigma < 1e-5
 
 

@@ -19,8 +19,7 @@ from calib.workcell.candidates import candidate_poses
 from calib.workcell.known_cell import workcell_of_dataset, workcell_of_robot
 from calib.workcell.measurable import BOX, FLOOR, HIDDEN, LIMIT, measurable
 from calib.workcell.scan_field import BoxField, ScanField
-
-ROOT = Path(__file__).parents[2]
+from tests.support import ROOT
 
 
 @pytest.mark.slow

@@ -79,3 +79,10 @@ def test_a_step_of_the_history_shows_that_model(page: Any, app: App) -> None:
     app.show_step(1)
     assert app.worker.wait_idle(10)
     assert app.state.now.version.name == "link errors"
+
+
+def test_a_step_of_the_work_opens_its_tab(page: Any) -> None:
+    page.locator("#inspector-headline .headline-step", has_text="Take away").click()
+    page.get_by_role("tab", name="Take away", selected=True).wait_for()
+    page.locator("#inspector-headline .headline-step", has_text="Fit").click()
+    page.get_by_role("tab", name="Fit", selected=True).wait_for()

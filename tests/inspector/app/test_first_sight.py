@@ -51,13 +51,6 @@ def test_the_headline_stands_over_the_view_and_its_stages_show_their_model(page:
         bar.locator(".headline-stage").nth(number).and_(page.locator('[aria-pressed="true"]')).wait_for()
 
 
-def test_a_step_of_the_work_opens_its_tab(page: Any) -> None:
-    page.locator(f"{BAR} .headline-step", has_text="Take away").click()
-    page.get_by_role("tab", name="Take away", selected=True).wait_for()
-    page.locator(f"{BAR} .headline-step", has_text="Fit").click()
-    page.get_by_role("tab", name="Fit", selected=True).wait_for()
-
-
 CUT_OFF = """() => [...document.querySelectorAll('#inspector-headline *, [data-inspector-sheet] *')].filter(e => {
     const r = e.getBoundingClientRect();
     return r.width > 0 && r.height > 0 && (r.right > innerWidth + 1 || r.left < -1)

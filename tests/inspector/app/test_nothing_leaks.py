@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -103,13 +104,14 @@ def test_a_search_that_began_before_the_first_fit_is_not_the_next_datasets(app: 
     """Both have no calibration yet: that alone does not make them the same."""
     started = Session(session(app).dataset)
     app.state.keep(started)
-    came = []
+    came, over = [], threading.Event()
 
     def work() -> LongWork:
-        came.append((yield from app.model._shown.beside(lambda: "found", started)))
+        came.append((yield from app.model._shown.beside(lambda: over.wait(60.0), started)))
 
     running = work()
     next(running)
     app.state.open("two", Session(session(app).dataset.leave_out(["p02"])))
     assert list(running) == []
+    over.set()
     assert came == [None]

@@ -66,16 +66,16 @@ def test_simulated_scans_have_noise_that_can_be(tmp_path: Path, arguments: list[
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["dataset.toml", "robot.toml", "poses.csv", "points.csv"])
 @pytest.mark.parametrize(
-    "command",
+    ("command", "name"),
     [
-        ["calibrate", "--out"],
-        ["calibrate", "--residuals"],
-        ["calibrate", "--session"],
-        ["redundancy", "--out"],
-        ["correct", "--joints", "poses.csv", "--out"],
-        ["report", "--force", "--out"],
+        (["calibrate", "--out"], "robot.toml"),
+        (["calibrate", "--out"], "dataset.toml"),
+        (["calibrate", "--residuals"], "points.csv"),
+        (["calibrate", "--session"], "dataset.toml"),
+        (["redundancy", "--out"], "points.csv"),
+        (["correct", "--joints", "poses.csv", "--out"], "poses.csv"),
+        (["report", "--force", "--out"], "robot.toml"),
     ],
 )
 def test_no_output_takes_the_place_of_the_datasets_files(

@@ -101,33 +101,6 @@ def test_without_a_prior_unknowable_sigmas_are_null(points_folder: Path) -> None
     assert sigma["a2"] is not None
 
 
-@pytest.mark.slow
-def test_tolerances_holds_and_robust_fits_by_command(points_folder: Path) -> None:
-    document = answered(
-        "calibrate",
-        points_folder,
-        "--tolerance",
-        "a2=1e-9",
-        "--hold",
-        "d5",
-        "--hold",
-        "θ4",  # as tables show it
-        "--robust",
-        "--residual",
-        "pairs",
-    )
-    parameters = {p["name"]: p for p in document["parameters"]}
-    assert "d5" not in parameters
-    assert "theta4" not in parameters
-    assert "theta5" in parameters
-    assert abs(parameters["a2"]["change"]) < 1e-6
-    assert document["outliers"] == []
-    assert "no parameter named 'b7'" in refused("calibrate", points_folder, "--tolerance", "b7=1")
-    assert "above 0" in refused("calibrate", points_folder, "--tolerance", "a2=-1")
-    assert "no parameter named 'b7'" in refused("calibrate", points_folder, "--hold", "b7")
-    assert "position, pairs or pose" in refused("calibrate", points_folder, "--robust", "--residual", "distance")
-
-
 def without_pose(folder: Path, pose: str) -> None:
     table = pd.read_csv(folder / "points.csv")
     table[table["pose"] != pose].to_csv(folder / "points.csv", index=False)
@@ -313,9 +286,7 @@ def test_check_passes_or_says_why_not(points_folder: Path) -> None:
     for document in (good, bad):  # the verdict is told; it does not decide the exit code
         assert document["diagnosis"]["verdict"] == "adequate"
         assert [f["passed"] for f in document["findings"] if f["name"] == "diagnosis"] == [None]
-    several = answered("check", points_folder.parent)
-    assert several["passed"] is True
-    assert "NOT GOOD ENOUGH" in printed("check", points_folder, "--max-test-rmse-mm", "0.0001", code=1)
+    assert answered("check", points_folder.parent)["passed"] is True
 
 
 @pytest.mark.parametrize("command", ["corners", "redundancy", "calibrate", "check", "serve"])
@@ -357,11 +328,10 @@ def test_a_reversed_joint_does_not_crash(capsys: pytest.CaptureFixture[str], own
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_a_terminal_that_lacks_a_character_gets_the_rest(points_folder: Path, encoding: str) -> None:
+def test_a_terminal_that_lacks_a_character_gets_the_rest(points_folder: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "inspector", "calibrate", str(points_folder)],
-        env=os.environ | {"PYTHONIOENCODING": encoding}, capture_output=True, timeout=120,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"}, capture_output=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert b"as delivered ?" in done.stdout
@@ -425,17 +395,18 @@ def test_diagnose_has_the_promised_keys_and_names_the_cause(hidden_folder: Path)
     assert {"input", "p_value"} <= set(leftover["inputs"][0])
     assert leftover["outlier_poses"] == []
     assert "transmission_error" in document["explanation"]
-    brief, whole = printed("diagnose", hidden_folder), printed("diagnose", hidden_folder, "--verbose")
+    brief = printed("diagnose", hidden_folder)
     assert "Verdict: What is missing is the transmission error" in brief
     assert len([line for told in brief.splitlines() for line in textwrap.wrap(told, 120)]) <= 25
-    assert "How the verdict was reached" in whole
-    assert set(brief.splitlines()[:4]) < set(whole.splitlines())
 
 
 @pytest.mark.slow
 def test_diagnose_and_check_take_the_options_of_a_fit(points_folder: Path, hidden_folder: Path) -> None:
     """Their first fit is the one that `calibrate` makes with the same options, to the last digit."""
-    fits = [["--hold", "d5"], ["--no-prior"], ["--tolerance", "a2=1e-9", "--robust"], ["--residual", "pairs"]]
+    fits = [
+        ["--hold", "d5", "--hold", "θ4", "--tolerance", "a2=1e-9", "--robust"],
+        ["--residual", "pairs", "--no-prior"],
+    ]
     for options in fits:
         fitted = answered("calibrate", points_folder, *options)
         first = answered("diagnose", points_folder, "--max-steps", "0", *options)["steps"][0]
@@ -460,37 +431,10 @@ def test_add_is_the_diagnosis_step_to_the_last_digit(hidden_folder: Path, tmp_pa
         assert step["train"]["rmse_mm"] == pytest.approx(found["train_rmse_mm"], rel=1e-9)
         assert step["test"]["rmse_mm"] == pytest.approx(found["test_rmse_mm"], rel=1e-9)
         assert step["sigma_mm"] == pytest.approx(found["sigma_mm"], rel=1e-9)
-    tolerances = {p["name"]: p["tolerance"] for p in document["parameters"]}
-    sizes = document["steps"][1]["sizes"]
-    assert sizes
-    assert all(tolerances[name] == pytest.approx(size) for name, size in sizes.items())
-    out = printed("calibrate", hidden_folder, "--add", "transmission_error")
-    assert re.search(r"^ +link errors +\d", out, re.MULTILINE)
-    assert re.search(r"^ +\+ transmission_error +\d", out, re.MULTILINE)
     for name, says in (("rust", "rust"), ("scanner_scale", "cannot be fitted here")):
         robot = tmp_path / "robot.toml"
         assert says in refused("calibrate", hidden_folder, "--add", name, "--out", robot)
         assert not robot.exists()
-
-
-@pytest.mark.thorough
-def test_validate_and_correct_take_the_options_of_a_fit(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
-) -> None:
-    plain = answered("validate", points_folder)
-    held = answered("validate", points_folder, "--hold", "a2", "--tolerance", "d5=0.5")
-    assert held["held_out"]["rmse_mm"] > 1.2 * plain["held_out"]["rmse_mm"]  # a2 is off, and now it has to stay
-    out = tmp_path / "corrected.csv"
-    targets = ["--joints", points_folder / "poses.csv", "--out", out]
-    written = []
-    for extra in ([], ["--hold", "a2"], ["--no-prior"]):  # 1: some targets lie near a singular posture
-        assert main(["correct", str(points_folder), *map(str, targets), *extra]) in (0, 1)
-        written.append(out.read_text())
-    assert len(set(written)) == 3
-    capsys.readouterr()
-    for command in (["validate", points_folder], ["correct", points_folder, *targets]):
-        assert "no parameter named 'b7'" in refused(*command, "--hold", "b7")
-        assert "position, pairs or pose" in refused(*command, "--robust", "--residual", "distance")
 
 
 def test_effects_lists_the_catalogue() -> None:

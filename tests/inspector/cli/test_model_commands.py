@@ -12,6 +12,7 @@ import pytest
 
 import calib
 from calib.dataset.files.folder import load_dataset, write_dataset
+from tests.support.changed import with_xyz
 from tests.support.checked_cell import measured_twice
 from tests.support.commands import answered, printed, refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
@@ -46,7 +47,7 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
     moved = dataset.points.xyz_mm.copy()
     row = int((dataset.points.pose == int(dataset.poses.is_test.argmax())).argmax())
     moved[row] += [3.0, 0.0, 0.0]
-    write_dataset(dataset.with_points(replace(dataset.points, xyz_mm=moved)), tmp_path / "later")
+    write_dataset(with_xyz(dataset, moved), tmp_path / "later")
     later = answered("validate", tmp_path / "later", "--model", model)
     assert later["model"]["same_measurements"] is False
     assert later["train"] == pytest.approx(found["train"], rel=1e-9)

@@ -181,16 +181,26 @@ def test_hostile_values_are_ignored_and_good_ones_pass(server: server_module.Ins
         handle.on_update(lambda event: callbacks.append(event.target.value))
 
     with WireClient(server.get_port()) as client:
+        values: dict[str, list[object]] = {
+            "slider": [9999, "x", float("nan"), None, True],
+            "choice": ["c", ["a"], 1],
+            "group": ["z"],
+            "box": ["yes", 2],
+            "dead": [True],
+            "hidden": [True],
+            "text": ["n" * 100_000],
+            "off": [True],
+        }
         hostile: list[tuple[str, dict[str, object]]] = [
-            ("slider", {"value": 9999}), ("slider", {"value": "x"}), ("slider", {"value": float("nan")}),
-            ("slider", {"value": None}), ("slider", {"value": True}),
-            ("choice", {"value": "c"}), ("choice", {"value": ["a"]}), ("choice", {"value": 1}),
-            ("group", {"value": "z"}), ("box", {"value": "yes"}), ("box", {"value": 2}),
-            ("dead", {"value": True}), ("hidden", {"value": True}), ("text", {"value": "n" * 100_000}),
-            ("slider", {"removed": True}), ("slider", {"update_cb": []}), ("slider", {"sync_cb": None}),
-            ("box", {"value": True, "removed": True}), ("box", {}), ("slider", {"no_such_field": 1}),
-            ("off", {"value": True}), ("off", {"is_button": False}),
-        ]  # fmt: skip
+            *((label, {"value": bad}) for label, those in values.items() for bad in those),
+            ("slider", {"removed": True}),
+            ("slider", {"update_cb": []}),
+            ("slider", {"sync_cb": None}),
+            ("box", {"value": True, "removed": True}),
+            ("box", {}),
+            ("slider", {"no_such_field": 1}),
+            ("off", {"is_button": False}),
+        ]
         for label, updates in hostile:
             client.send(type="GuiUpdateMessage", uuid=client.find(label), updates=updates)
         client.send(type="GuiUpdateMessage", uuid="no-such-widget", updates={"value": 1})

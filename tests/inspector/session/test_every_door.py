@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,11 +14,10 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import add_in_turn
 from calib.simulation.simulate import simulate_dataset
-from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
+from tests.support.changed import with_xyz
 from tests.support.odd_noise import odd_arm
-from tests.support.sweeps import sweep
 
 MOST_PRESSES = 9
 
@@ -32,7 +29,7 @@ def arm(seed: int, *effects: tuple[str, float], robot: str = "rb5") -> Dataset:
 def with_wild_point(dataset: Dataset) -> Dataset:
     xyz_mm = dataset.points.xyz_mm.copy()
     xyz_mm[5] += [1.5, 0.0, -1.0]
-    return dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+    return with_xyz(dataset, xyz_mm)
 
 
 def followed(dataset: Dataset) -> Session:
@@ -88,16 +85,6 @@ def case(name: str) -> Dataset:
 @pytest.mark.thorough
 def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
     dataset = case(name)
-    assert_same_end(followed(dataset), diagnose(dataset))
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "name", sweep(["hidden_effect_a", "hidden_effect_b", "hidden_effect_c"], every_run=["hidden_effect_b"])
-)
-def test_the_same_on_the_sample_data(name: str) -> None:
-    folder = Path(__file__).resolve().parents[3] / "sample_data" / name
-    dataset = measuring.open_session(folder).dataset
     assert_same_end(followed(dataset), diagnose(dataset))
 
 

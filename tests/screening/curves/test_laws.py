@@ -180,7 +180,6 @@ def _told(name: str, number: int, seed: int) -> tuple[Simulated, Diagnosis]:
 def _true_motion(simulated: Simulated) -> tuple[int, np.ndarray]:
     """The joint that the cause moves, from 0, and its error (N,) by the simulator."""
     (cause, size), cell = simulated.causes[0], simulated.cell
-    assert cause.deform is not None
     moved = cause.deform(cell, cell.plain, size).joint
     (joint,) = np.flatnonzero(np.any(moved != 0.0, axis=0))
     return int(joint), moved[:, joint]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,7 +57,6 @@ from calib.simulation.truth.scanner_effects import (
 from calib.simulation.truth.visibility import SimulatedCell
 
 ALL = (*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS)
-ROOT = Path(__file__).parents[3]
 
 
 def cell_of(arm: str, seed: int = 0, poses: int = 40, setups: int = 1) -> SimulatedCell:
@@ -283,7 +281,6 @@ def test_torques_are_slopes_of_the_potential_energy(arm: str) -> None:
         return np.array([sum(falls), 0.5 * 0.2 * np.maximum(stretch_mm, 0) ** 2 * 1e-3])
 
     at = Arm.commanded_to(robot, cell.q, cell.conditions)
-    assert cell.conditions.payload_kg is not None
     total_kg = sum(joint.mass_kg or 0.0 for joint in robot.joints) + (robot.tool.mass_kg or 0.0)
     carried = sum(np.linalg.norm(w.weight_n, axis=1) for w in at.weights) / np.linalg.norm(gravity)
     np.testing.assert_allclose(carried, total_kg + cell.conditions.payload_kg)

@@ -78,7 +78,6 @@ class Cell:
         def give(here: Posture) -> Deformation:
             total = self.stiff
             for cause, size in moving:
-                assert cause.deform is not None
                 total = total + cause.deform(self, here, size)
             return total
 

@@ -24,10 +24,9 @@ from calib.planning.start import start_of_dataset
 from calib.screening.curves.fitted_curves import fitted_curves
 from inspector import figures
 from inspector.figures.curve_plots import CURVE
+from tests.support import ROOT
 from tests.support.figures import named, stands_alone
 from tests.support.hidden_dataset import write_unnamed
-
-ROOT = Path(__file__).parents[4]
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Operations that a user repeats on the page, by the app's own requests: for tests and benchmarks of its memory."""
+"""Operations that a user repeats on the page, by the app's own requests, for the benchmark of its memory."""
 
 from __future__ import annotations
 
