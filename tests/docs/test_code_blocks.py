@@ -174,7 +174,7 @@ def test_a_page_as_it_should_be_passes(tmp_path: Path):
         ("cat out/x.txt", "cat out/x.txt | sudo tee /y", "`sudo` is not run by the tests"),
         ("```sh\nmkdir", "```bash\nmkdir", "write ```sh instead of ```bash"),
         ("mine/told.py", "../told.py", "not in the reader's folder"),
-        ("...\ninspector ...", "c", "expected: c"),
+        ("...\ninspector ...", "c", "expected: a c"),
     ],
 )
 def test_a_page_that_is_wrong_fails_and_says_where(tmp_path: Path, old: str, new: str, says: str):
