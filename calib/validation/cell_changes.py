@@ -44,4 +44,3 @@ class ChangeTest:
 
     compare: str  # place of a function from a calibration and a later dataset to `CellChanges`
     phrase: str  # place of a function from a `Change` to a phrase on it
-    sentence: str  # place of a function (dataset's name, verdict, phrases, poses, rmse_mm, expected_mm) -> str

@@ -76,9 +76,11 @@ def settled_offset(
             "give recordings of one run, and if the joints turn by a few degrees alone tell their unit, --map "
             "'PREFIX*=q*_deg'"
         )
-    ranked = sorted((misfit(each[0]), each) for each in possible) if len(possible) > 1 else [(0.0, possible[0])]
-    if len(ranked) == 1 or (np.isfinite(ranked[0][0]) and ranked[1][0] > 5.0 * ranked[0][0]):
-        return ranked[0][1]
+    if len(possible) == 1:
+        return possible[0]
+    (least_mm, best), (next_mm, _), *_ = sorted((misfit(each[0]), each) for each in possible)
+    if next_mm > 5.0 * least_mm:
+        return best
     several = " or ".join(f"{offset:.3f} s" for offset, _ in possible[:3])
     raise RecordingError(
         f"{points}: the offset of its clock to that of {joints} is ambiguous: {several} fit alike, as the motions "
