@@ -19,7 +19,7 @@ from intervention import SIZED_KG, Task, best_part, columns_of, loaded, nuisance
 from simulated import NOISE_MM
 
 from calib.array_types import Array, IndexArray
-from calib.extras.proof_plan.pair_design import PairQuestion
+from calib.extras.proof_plan.simulated_pairs import PairQuestion
 from calib.planning.exchange import best_poses
 from tests.support.engine.cell import Cell
 from tests.support.paired_cell import ARMS, Member, base, draw_pairs, members_of

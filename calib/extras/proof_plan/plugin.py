@@ -11,7 +11,7 @@ CONTRIBUTIONS = (
         PROVE,
         "prove it by changing one condition",
         "prove (the same by changing one condition)",
-        of_diagnosis="calib.extras.proof_plan.proof_criterion:task_of_diagnosis",
+        of_diagnosis="calib.extras.proof_plan.proof_plan:task_of_diagnosis",
         why_no_candidates="repeats poses that were measured",
         advice="calib.extras.proof_plan.proof_plan:advised_change",
     ),

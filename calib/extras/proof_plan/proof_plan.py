@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import Effect
 from calib.errors import CalibError, FitError
+from calib.extras.proof_plan.plugin import PROVE
 from calib.extras.proof_plan.simulated_pairs import (
     TEMPERATURE,
     ConditionChange,
@@ -26,12 +28,16 @@ from calib.extras.proof_plan.simulated_pairs import (
     Offer,
     PairCell,
     chosen_from,
+    joined_poses,
+    under,
 )
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
 from calib.intervention.proof import FEWEST_PAIRS, follows, with_masses
+from calib.planning.criterion import BaseCriterion, DesignProblem, PlanTask
 from calib.planning.effect_hypotheses import HypothesisSet, coefficient_posteriors, hypothesis_sets
 from calib.planning.offered_poses import offered_poses
-from calib.planning.outcome import Outcome
+from calib.planning.outcome import Outcome, PoseReason
+from calib.planning.start import FromFit, Start
 from calib.workcell.pose_conditions import COLD_C, WARM_C
 
 PROOF_PAYLOAD_KG = 2.0
@@ -212,3 +218,80 @@ def _best_offer(
         if found is not None and (best is None or found[0] > best[0] + _BETTER):
             best = found
     return best
+
+
+# ---- the criterion --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PairReason(PoseReason):
+    """Reason for a pose: it is measured under a changed condition, at the joints of another one."""
+
+    again: str | None  # the pose measured before that it repeats; None where both are new
+    condition: str  # column of poses.csv
+    level: float | None  # its value; None for sides of approach
+
+
+@dataclass(frozen=True)
+class ForProof(BaseCriterion):
+    """Criterion: prove which hypothesis is true by pairs of poses, which are chosen already."""
+
+    chosen: NextChange
+    start: FromFit
+    name = PROVE
+    keeps_temperature = True
+    effects: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of poses to measure."""
+        return len(self.chosen.poses)
+
+    def prepared(self, start: Start, offered: Poses) -> Poses:
+        """The chosen poses first, then candidates as offered, under the condition before the change."""
+        change, poses, n = self.chosen.change, self.chosen.poses, len(offered)
+        for name in ("payload_kg", "temperature_c", "approach"):
+            values = getattr(poses, name)
+            usual = None if values is None else np.repeat(values[:1], n, axis=0)
+            if name == change.condition != APPROACH and change.before is not None:
+                usual = np.full(n, change.before)
+            offered = under(offered, name, usual)
+        return joined_poses(self.chosen.poses, offered)
+
+    def choose(self, problem: DesignProblem, count: int) -> IndexArray:
+        """Indices of the chosen poses, which are the first of the candidates."""
+        return np.arange(min(count, self.count))
+
+    def reasons(self, problem: DesignProblem, chosen: IndexArray) -> tuple[PairReason, ...]:
+        """For each pose, the measured pose that it repeats, and its condition."""
+        again, condition = self.chosen.again, self.chosen.change.condition
+        levels = None if condition == APPROACH else getattr(self.chosen.poses, condition)
+        return tuple(
+            PairReason(again[k] if again else None, condition, None if levels is None else float(levels[k]))
+            for k in chosen.tolist()
+        )
+
+    def outcome(self, problem: DesignProblem, chosen: IndexArray) -> NextChange:
+        """The change, and the probability that it proves which hypothesis is true."""
+        return self.chosen
+
+
+def task_of_diagnosis(diagnosis: Diagnosis, payload_kg: float | None, count: int | None) -> PlanTask:
+    """Poses that prove one of the effects that a diagnosis left confounded; as many as it takes where none is given.
+
+    Raises CalibError where nothing was left confounded, or no change moves any of it.
+    """
+    name, found = diagnosis.calibration.dataset.name, next_change(diagnosis, payload_kg=payload_kg, count=count)
+    if found is not None:
+        proof = ForProof(found, FromFit(found.calibration))
+        return PlanTask(proof.start, proof.count, proof)
+    sets = hypothesis_sets(diagnosis)
+    if not sets:
+        raise CalibError(
+            f"dataset {name}: its diagnosis left no effects confounded (verdict {diagnosis.verdict}), so there is "
+            "nothing to prove; plan for calibration, or for an effect"
+        )
+    raise CalibError(
+        f"dataset {name}: neither a payload, nor the side of approach, nor the temperature moves any of "
+        f"{', '.join(sets[0].names)}, so pairs of poses prove none; --for split plans other poses"
+    )

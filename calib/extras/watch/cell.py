@@ -53,15 +53,13 @@ class CellTests:
     free: ChangeTests
 
     @classmethod
-    def of(
-        cls, base: Calibration, new: Sequence[Dataset], *, scanner_moved: bool, times: Array | None = None
-    ) -> CellTests:
+    def of(cls, base: Calibration, new: Sequence[Dataset], times: Array | None = None) -> CellTests:
         """Tests of new points against an earlier calibration, at times (S,) where several checks are tested together.
 
         Raises FitError for too few poses.
         """
         checks = tuple(CheckPoints.of(base, each) for each in new)
-        expected = Expectation.of(base, checks, scanner_moved=scanner_moved)
+        expected = Expectation.of(base, checks)
         before, centre_mm = expected.before_T_base, expected.prior.centre_mm
         of_each = (
             [check.models for check in checks],

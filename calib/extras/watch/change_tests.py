@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.extras.watch.change_models import USUAL, ChangeModel, change_label
+from calib.extras.watch.change_models import LARGEST_BY_UNIT, USUAL, ChangeModel, change_label
 from calib.extras.watch.spread import Spread
 from calib.statistics import f_sf
 from calib.validation.cell_changes import Change
@@ -163,6 +163,8 @@ class ChangeTests:
         if s[-1] < 1e-3 * max(float(s[0]), 1e-300) or s[0] < 1e-9:
             return Detectable(*model.key, None, model.unit, None)
         size = DETECTABLE_Z / float(s[-1])
+        if size > LARGEST_BY_UNIT[model.unit]:
+            return Detectable(*model.key, None, model.unit, None)
         moves_mm = float(size * whole / np.sqrt(model.count))
         return Detectable(*model.key, float(size), model.unit, moves_mm)
 

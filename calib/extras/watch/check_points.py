@@ -111,10 +111,10 @@ class Expectation:
     before_T_base: Array | None  # (4, 4) scanner frame of the earlier fit; None where the scanner was set up anew
 
     @classmethod
-    def of(cls, base: Calibration, checks: Sequence[CheckPoints], *, scanner_moved: bool) -> Expectation:
+    def of(cls, base: Calibration, checks: Sequence[CheckPoints]) -> Expectation:
         """Expected errors of checks at one station, by what the earlier fit knows."""
         station = checks[0].station
-        known = not scanner_moved and station in base.after.scanner_T_base
+        known = station in base.after.scanner_T_base
         known = known and not any(check.elsewhere_mm(base.after.scanner_T_base[station]) for check in checks)
         noise, dof, scale = _noise(base)
         misfit = Misfit.of(base)

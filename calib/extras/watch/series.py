@@ -73,19 +73,12 @@ def date_of(text: str) -> datetime | None:
     return date if date.tzinfo is None else date.astimezone(UTC).replace(tzinfo=None)
 
 
-def watch_series(
-    base: Calibration,
-    checks: Sequence[Dataset],
-    *,
-    scanner_moved: bool = False,
-    tolerance_mm: float | None = None,
-) -> SeriesReport:
+def watch_series(base: Calibration, checks: Sequence[Dataset], *, tolerance_mm: float | None = None) -> SeriesReport:
     """Report on what three or more checks of a cell, from one station of the scanner, show together.
 
     Args:
         base: the earlier calibration.
         checks: the measured check poses of each date, in order of time.
-        scanner_moved: whether the scanner was set up anew for each check, which is then no change.
         tolerance_mm: 3D error at the check poses that must not be reached.
 
     Raises FitError for fewer than three poses in a check, CalibError where dates are missing.
@@ -94,7 +87,7 @@ def watch_series(
         raise CalibError(f"dataset {undated[0]}: a drift is sought over dates; give it [about] date in dataset.toml")
     first, *dates = (date_of(each.about.date) for each in (base.dataset, *checks))
     times = np.array([(date - first).total_seconds() / _DAY_S for date in dates if date and first])
-    tests = CellTests.of(base, checks, scanner_moved=scanner_moved, times=times)
+    tests = CellTests.of(base, checks, times)
     model, change = _likeliest(tests, times) or (None, None)
     return SeriesReport(
         names=tuple(dataset.name for dataset in checks),
@@ -189,9 +182,7 @@ class WatchedCell:
         return steady and all(report.verdict == "unchanged" for report in self.seen)
 
 
-def watched_cell(
-    base: Calibration, later: Sequence[Dataset], *, scanner_moved: bool = False, tolerance_mm: float | None = None
-) -> WatchedCell:
+def watched_cell(base: Calibration, later: Sequence[Dataset], *, tolerance_mm: float | None = None) -> WatchedCell:
     """Change reports of later measurements against a calibration, and what they show together.
 
     Raises:
@@ -201,7 +192,7 @@ def watched_cell(
     base, dates = without_blunders(base), [date_of(dataset.about.date) for dataset in later]
     if None not in dates:
         later = [later[k] for k in sorted(range(len(later)), key=lambda k: str(dates[k]))]
-    seen = tuple(report_of(base, dataset, scanner_moved=scanner_moved) for dataset in later)
+    seen = tuple(report_of(base, dataset) for dataset in later)
     right = [dataset for dataset, report in zip(later, seen, strict=True) if report.data_problem is None]
     is_series = len(right) >= FEWEST_CHECKS and len({str(dataset.poses.setup[0]) for dataset in right}) == 1
     undated = without_date(base, right) if is_series else ()
@@ -212,4 +203,4 @@ def watched_cell(
         )
     if not is_series or (undated and tolerance_mm is None):
         return WatchedCell(seen, None, undated)
-    return WatchedCell(seen, watch_series(base, right, scanner_moved=scanner_moved, tolerance_mm=tolerance_mm), ())
+    return WatchedCell(seen, watch_series(base, right, tolerance_mm=tolerance_mm), ())

@@ -46,8 +46,7 @@ class ChangeReport(Presented):
     poses: int
     date: str = ""  # `[about] date` of the dataset
     data_problem: DataProblem | None = None  # what is wrong with the sheet, then the only change
-    outside: tuple[str, ...] = ()  # check poses with joints outside the ranges of the training poses
-    outside_words: str = ""
+    outside_words: str = ""  # on check poses with joints outside the ranges of the training poses
     left_out: tuple[str, ...] = ()  # poses that the earlier fit does without, as asked or as they stand out
     set_up_anew_mm: float | None = None  # how far the points are from where the scanner's earlier place has them
     times_noise: float | None = None  # residual of the earlier fit over the declared noise; None where none is declared
@@ -62,16 +61,13 @@ class ChangeReport(Presented):
         return f"{self.name}: {self.verdict}, {self.poses} poses, {errors}"
 
 
-def watch(
-    base: FittedResult | Dataset | str | Path, new: Dataset | str | Path, *, scanner_moved: bool = False
-) -> ChangeReport:
+def watch(base: FittedResult | Dataset | str | Path, new: Dataset | str | Path) -> ChangeReport:
     """Report on the changes of a cell between an earlier calibration and check poses measured later.
 
     Args:
         base: the earlier calibration or diagnosis, or a dataset or its folder, which is then calibrated; poses that
             stand out in it are left out, as a diagnosis does.
-        new: the check poses, a dataset or its folder.
-        scanner_moved: whether the scanner was set up anew, which is then no change; else it stands where it stood.
+        new: the check poses, a dataset or its folder. A scanner that was set up anew has a `setup` of its own there.
 
     Raises:
         FitError: another robot, or fewer than three poses.
@@ -81,10 +77,10 @@ def watch(
     >>> calib.watch(earlier, "sample_data/hidden_effect_a").verdict
     'unchanged'
     """
-    return report_of(without_blunders(as_calibration(base)), measured(as_dataset(new)), scanner_moved=scanner_moved)
+    return report_of(without_blunders(as_calibration(base)), measured(as_dataset(new)))
 
 
-def report_of(base: Calibration, new: Dataset, *, scanner_moved: bool) -> ChangeReport:
+def report_of(base: Calibration, new: Dataset) -> ChangeReport:
     """Report on the changes of a cell between a calibration without blunders and later measured points; see `watch`."""
     if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
         raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
@@ -94,7 +90,7 @@ def report_of(base: Calibration, new: Dataset, *, scanner_moved: bool) -> Change
             f"dataset {new.name}: its scanner is {places[0]}, that of {base.dataset.name} {places[1]}; check with the "
             "scanner where it was"
         )
-    tests, trained = CellTests.of(base, [new], scanner_moved=scanner_moved), base.trained
+    tests, trained = CellTests.of(base, [new]), base.trained
     (check,), p_unchanged, limit_mm = tests.checks, tests.p_unchanged, tests.limit_mm
     problem = sheet_problem(base, new)
     changes = tests.changes(alarmed=p_unchanged < ALARM) if problem is None else (change_of(problem),)
@@ -115,16 +111,15 @@ def report_of(base: Calibration, new: Dataset, *, scanner_moved: bool) -> Change
         poses=check.poses,
         date=new.about.date,
         data_problem=problem,
-        outside=tuple(new.poses.ids[i] for i in np.flatnonzero(trained.outside(new.robot, new.poses.q))),
         outside_words=trained.words(new.robot, new.poses.q, new.poses.ids),
         left_out=base.fitted_dataset.left_out,
-        set_up_anew_mm=None if scanner_moved or earlier is None else check.elsewhere_mm(earlier),
+        set_up_anew_mm=None if earlier is None else check.elsewhere_mm(earlier),
         times_noise=times_declared_noise(base),
     )
 
 
 def changes_since(calibration: Calibration, later: Dataset) -> CellChanges:
     """Changes of a cell between a calibration and a later dataset, as other rooms take them."""
-    report = report_of(without_blunders(calibration), measured(later), scanner_moved=False)
+    report = report_of(without_blunders(calibration), measured(later))
     problem = "" if report.data_problem is None else report.data_problem.warning
     return CellChanges(report.verdict, report.changes, report.rmse_mm, report.expected_mm, report.poses, problem)

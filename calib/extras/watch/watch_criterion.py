@@ -32,10 +32,6 @@ from calib.planning.unknowns import Unknowns
 _FREE = 1e-8  # information on a free unknown: a sigma of 1e4 mm, or 1e4 units of a change
 _SHOWS = 0.1  # in units of the noise, least effect of a milliradian or a millimetre at any candidate
 _SAME_AS_SCANNER = 0.02  # share of a change's information, with the scanner's frame free, below which it is fixed
-_NO_SIZE = {"rad": np.radians(10.0), "mm": 50.0}  # of a zero or a tool, above which nothing is promised
-
-
-ChangeKey = tuple[str, int | None, str]  # `ChangeModel.key` of a change of the cell
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,6 @@ class CheckOutcome(Outcome):
     """Usual changes of the cell with the least size that planned check poses find 19 times of 20; None: never."""
 
     changes: tuple[Detectable, ...]
-    scanner_at_rest: tuple[ChangeKey, ...]  # that show only where the scanner stands where it stood
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,6 @@ class CheckedChange:
 
     model: ChangeModel
     question: OptimalityCriterion
-    scanner_free: bool  # whether the scanner's frame is free in the question
 
     def size(self, chosen: IndexArray) -> float:
         """Least size, in the change's unit, that shows 19 times of 20 with given candidates.
@@ -80,14 +74,8 @@ class ForWatch(BaseCriterion):
         assert isinstance(start, FromFit)
         poses = problem.candidates.select(chosen)
         check = replace(start.dataset, poses=poses, points=problem.unknowns.points(poses))
-        cell = CellTests.of(start.calibration, [check], scanner_moved=False)
-        free = {change.model.key: change.scanner_free for change in _checked_changes(problem)}
-        changes = []
-        for model in (model for model in cell.models if model.what in (JOINT_ZERO, TOOL)):
-            one = (cell.free if free.get(model.key, True) else cell.fixed).detectable(model)
-            shown = model.key in free and one.size is not None and one.size <= _NO_SIZE[one.unit]
-            changes.append(one if shown else replace(one, size=None))
-        return CheckOutcome(tuple(changes), tuple(key for key, moves in free.items() if not moves))
+        cell = CellTests.of(start.calibration, [check])
+        return CheckOutcome(tuple(cell.free.detectable(m) for m in cell.models if m.what in (JOINT_ZERO, TOOL)))
 
 
 def check_poses(changes: Sequence[CheckedChange], count: int) -> IndexArray:
@@ -128,8 +116,8 @@ def usual_changes(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[C
         unit = 1e-3 if model.unit == "rad" else 1.0
         if model.what not in (JOINT_ZERO, TOOL) or np.abs(unit * columns).max() < _SHOWS:
             continue
-        fixed = CheckedChange(model, _question(rows, prior, columns, unit), scanner_free=False)
-        free = CheckedChange(model, _question(rows, scanner_free, columns, unit), scanner_free=True)
+        fixed = CheckedChange(model, _question(rows, prior, columns, unit))
+        free = CheckedChange(model, _question(rows, scanner_free, columns, unit))
         everywhere = np.arange(len(rows))
         shares = fixed.size(everywhere) / free.size(everywhere)
         changes.append(free if shares**2 > _SAME_AS_SCANNER else fixed)

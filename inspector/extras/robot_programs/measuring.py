@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from calib.errors import CalibError
 from calib.extras.robot_programs.measuring_program import measuring_program, program_files
 from calib.planning.plan import Plan
 from inspector.cli.additions import PlanAddition
@@ -17,10 +16,8 @@ class MeasuringProgram(PlanAddition[PlanProgramOptions, PlanOptions]):
     """The program of `plan --program`."""
 
     def begin(self) -> None:
-        """Refuse a name that is none of a program, and files that are to be written twice."""
-        written = [path.resolve() for path in self.outputs()]
-        if self.command.out is not None and self.command.out.resolve() in written:
-            raise CalibError(f"{self.command.out}: is to be written twice; name a file for each")
+        """Refuse a name that is none of a program."""
+        self.outputs()
 
     def outputs(self) -> tuple[Path, ...]:
         """The program's files."""

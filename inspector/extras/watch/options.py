@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from inspector.cli.options import values
-from inspector.cli.options.declaration import argument, flag, option
+from inspector.cli.options.declaration import argument, option
 from inspector.cli.options.shared import Output, WithAdding, WithLeaveOut
 
 
@@ -20,7 +20,6 @@ class WatchOptions(WithAdding, WithLeaveOut, Output):
         "folder of check poses, three poses or more; three folders or more show drifts, too",
         repeated=True,
     )
-    scanner_moved: bool = flag("the scanner was put up anew, which is no change to be told")
     tolerance_mm: float | None = option(
         "tell when the 3D error at the check poses reaches this, from three checks on",
         metavar="MM",

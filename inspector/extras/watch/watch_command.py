@@ -19,9 +19,7 @@ def run_watch(options: WatchOptions) -> int:
     """Report changes since a calibration; exit code 1 where there are any, as an alarm for scheduled runs."""
     first, *later = _without([load(path) for path in (options.path, *options.new)], options.leave_out)
     base = fitted(options, measured(first))[-1].calibration
-    cell = watched_cell(
-        base, list(map(measured, later)), scanner_moved=options.scanner_moved, tolerance_mm=options.tolerance_mm
-    )
+    cell = watched_cell(base, list(map(measured, later)), tolerance_mm=options.tolerance_mm)
     show(options, to_dict(watch_document(cell)), "\n".join(watch_summary(cell)))
     return 0 if cell.is_unchanged else 1
 

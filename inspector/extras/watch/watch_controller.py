@@ -26,7 +26,7 @@ class WatchController(TabController):
     def __init__(self, page: Page, panel: WatchPanel) -> None:
         self._folders, self._state, self._worker, self._panel = page.folders, page.state, page.worker, panel
         self._measured: dict[str, Dataset] = {}
-        self._last: tuple[tuple[object, ...], Calibration, WatchedCell] | None = None
+        self._last: tuple[tuple[str, ...], Calibration, WatchedCell] | None = None
         self._background = Background("watch")
         panel.on_asked = self.ask
 
@@ -45,31 +45,30 @@ class WatchController(TabController):
 
     def _show(self) -> LongWork:
         """Long work that shows the changes of the cell at the chosen later datasets."""
-        base, name = self._state.session.calibration, self._state.name
-        chosen, moved = self._chosen(), self._panel.scanner_moved
+        base = self._state.session.calibration
+        chosen = self._chosen()
         if base is None or not chosen:
             self._panel.say(NOT_YET if base is None else CHOOSE if len(self._folders) > 1 else ALONE)
             return
-        asked = (name, chosen, moved)
-        if self._last is None or self._last[0] != asked or self._last[1] is not base:
+        if self._last is None or self._last[0] != chosen or self._last[1] is not base:
             if missing := [n for n in chosen if n not in self._measured]:
                 self._panel.say(f"Reading {', '.join(missing)} …")
             try:
-                cell = yield from self._background.run(lambda: self._watched(base, chosen, moved=moved))
+                cell = yield from self._background.run(lambda: self._watched(base, chosen))
             except CalibError as error:
                 self._panel.say(str(error), bad=True)
                 return
             if cell is None or self._state.session.calibration is not base or self._chosen() != chosen:
                 return
-            self._last = (asked, base, cell)
+            self._last = (chosen, base, cell)
         self._panel.update(self._state.now, self._last[2])
 
     def _chosen(self) -> tuple[str, ...]:
         name = self._state.name
         return self._panel.chosen(name, tuple(other for other in self._folders if other != name))
 
-    def _watched(self, base: Calibration, chosen: tuple[str, ...], *, moved: bool) -> WatchedCell:
+    def _watched(self, base: Calibration, chosen: tuple[str, ...]) -> WatchedCell:
         for name in chosen:
             if name not in self._measured:
                 self._measured[name] = measured_dataset(self._folders[name])
-        return watched_cell(base, [self._measured[name] for name in chosen], scanner_moved=moved)
+        return watched_cell(base, [self._measured[name] for name in chosen])

@@ -18,7 +18,6 @@ NOTE = (
     "Is the calibration still right? A few poses measured later tell what changed since, and what they could not have "
     "detected. The arm is not blamed for what a moved instrument explains."
 )
-MOVED = "Instrument moved"
 NONE, ALL = "–", "all other datasets"
 
 
@@ -28,22 +27,13 @@ class WatchPanel:
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
         self.later = gui.add_dropdown("Measured later", (NONE,), hint="another dataset of the folder, or all of them")
-        self.moved = gui.add_checkbox(
-            MOVED, False, hint="it was set up again: its new place is then not reported as a change"
-        )
         self._state = gui.add_html("")
         self._plot = hidden_plot(gui, 0.7, "control chart")
         self._found = gui.add_html("")
         self._name = ""  # of the dataset on show
         self._drawn: WatchedCell | None = None
         self.on_asked: Callable[[], None] = lambda: None  # told of each choice
-        for widget in (self.later, self.moved):
-            on_page(widget, lambda _: self.on_asked())
-
-    @property
-    def scanner_moved(self) -> bool:
-        """Whether the user states that the instrument was set up again."""
-        return bool(self.moved.value)
+        on_page(self.later, lambda _: self.on_asked())
 
     def chosen(self, name: str, others: tuple[str, ...]) -> tuple[str, ...]:
         """Names of the chosen later datasets, of those that can be compared with the one on show."""
@@ -54,7 +44,7 @@ class WatchPanel:
             self.later.options = options
         if value not in options or value != str(self.later.value):
             put(self.later, value if value in options else NONE)
-        self.later.disabled = self.moved.disabled = not others
+        self.later.disabled = not others
         return others if value == ALL else tuple(each for each in others if each == value)
 
     def say(self, words: str, *, bad: bool = False) -> None:

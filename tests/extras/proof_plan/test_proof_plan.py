@@ -12,8 +12,7 @@ from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.poses_csv import poses_frame
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
-from calib.extras.proof_plan.proof_criterion import ForProof, task_of_diagnosis
-from calib.extras.proof_plan.proof_plan import NextChange, change_for
+from calib.extras.proof_plan.proof_plan import ForProof, NextChange, change_for, task_of_diagnosis
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
 from calib.planning.plan import plan_poses
 from calib.planning.start import FromFit

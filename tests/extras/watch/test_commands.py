@@ -16,7 +16,7 @@ from inspector.cli.parser import main
 from tests.support.few_joints import ends_well, few_joints
 from tests.support.sweeps import sweep
 
-COMMANDS = (("plan", "--for", "watch"), ("watch", "CELL"), ("watch", "CELL", "--scanner-moved"))
+COMMANDS = (("plan", "--for", "watch"), ("watch", "CELL"))
 
 
 @pytest.fixture(scope="module")

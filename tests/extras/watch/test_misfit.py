@@ -40,7 +40,7 @@ def test_the_covariance_is_that_of_a_brownian_motion_from_the_training_poses() -
 
 
 def test_a_change_that_no_part_can_make_is_refused(clean: Dataset) -> None:
-    tests = CellTests.of(calibrate(clean), [clean], scanner_moved=False)
+    tests = CellTests.of(calibrate(clean), [clean])
     points = len(tests.models[0].columns)
     model = ChangeModel(TOOL, None, "", "mm", np.broadcast_to(np.eye(3), (points, 3, 3)))
 

@@ -19,7 +19,7 @@ from inspector.cli.parser import main
 from tests.support.checked_cell import Cell
 
 pytestmark = pytest.mark.slow
-ARMS = 4
+ARMS = 3
 Drawn = tuple[np.random.Generator, Cell, Calibration]
 
 
@@ -37,8 +37,13 @@ def whats(seen: ChangeReport) -> list[str]:
     return [f"{change.what} {change.joint or ''}".strip() for change in seen.changes]
 
 
+def set_up_anew(new: Dataset) -> Dataset:
+    """Check poses from a placement of the scanner that the earlier fit does not know."""
+    return replace(new, poses=replace(new.poses, setup=np.full(len(new.poses), "another")))
+
+
 def test_an_unchanged_cell_raises_no_alarm(cells: list[Drawn]) -> None:
-    seen = [watch(base, cell.measured(rng)) for rng, cell, base in cells for _ in range(6)]
+    seen = [watch(base, cell.measured(rng)) for rng, cell, base in cells for _ in range(5)]
     assert [w.verdict for w in seen].count("unchanged") >= len(seen) - 1
     calm = next(w for w in seen if w.verdict == "unchanged")
     assert "unchanged" in calm.headline
@@ -64,9 +69,7 @@ def test_a_scanner_that_moved_is_never_blamed_on_the_arm(cells: list[Drawn]) -> 
             found = watch(base, new)
             assert whats(found) in (["scanner"], []), found.headline  # a tenth of a millimetre may pass unseen
             assert whats(found) == ["scanner"] or size == 0.1
-            assert watch(base, new, scanner_moved=True).verdict == "unchanged"
-            elsewhere = replace(new, poses=replace(new.poses, setup=np.full(len(new.poses), "another")))
-            assert watch(base, elsewhere).verdict == "unchanged"  # a placement that the earlier fit does not know
+            assert watch(base, set_up_anew(new)).verdict == "unchanged"
 
 
 def test_a_slip_beside_a_moved_scanner_is_still_found(cells: list[Drawn]) -> None:
@@ -92,16 +95,16 @@ def test_a_tool_that_moved_and_more_noise(cells: list[Drawn]) -> None:
 def test_what_is_promised_is_found(cells: list[Drawn]) -> None:
     rng, cell, base = cells[0]
     poses = cell.measured(rng)
-    calm = watch(base, poses, scanner_moved=True)
+    calm = watch(base, set_up_anew(poses))
     sizes = {(d.what, d.joint): d.size for d in calm.detectable if d.what == "joint_zero"}
     assert sizes["joint_zero", 1] is None or sizes["joint_zero", 1] > 5 * (sizes["joint_zero", 3] or 0.0)
     size = sizes["joint_zero", 3]
     assert size is not None
     hits = [
-        watch(base, cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q), scanner_moved=True).changes
-        for _ in range(20)
+        watch(base, set_up_anew(cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q))).changes
+        for _ in range(12)
     ]
-    assert sum(map(bool, hits)) >= 16  # 19 of 20 are promised
+    assert sum(map(bool, hits)) >= 9  # 19 of 20 are promised
 
 
 def test_too_few_poses_and_another_robot_are_refused(cells: list[Drawn]) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from calib.extras.proof_plan.proof_criterion import PairReason
-from calib.extras.proof_plan.proof_plan import NextChange
+from calib.extras.proof_plan.proof_plan import NextChange, PairReason
 from calib.extras.proof_plan.simulated_pairs import ConditionChange
 from calib.intervention.pairs import APPROACH, PAYLOAD
 from calib.present.moves.plans import SURELY, ReasonTold, Told, reason_told, told

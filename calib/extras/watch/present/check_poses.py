@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from calib.extras.watch.change_models import change_label
 from calib.extras.watch.watch_criterion import CheckOutcome
 from calib.present.moves.plans import Told, told
 from calib.rendering import numbers
@@ -11,20 +12,13 @@ from calib.rendering.blocks import Paragraph, Table
 @told.register
 def _of_checks(outcome: CheckOutcome) -> Told:
     found = [c for c in outcome.changes if c.size is not None]
-    rows = [(change_name(c.what, c.joint), numbers.size(c.size or 0.0, c.unit)) for c in found]
+    rows = [(change_label(c.what, c.joint), numbers.size(c.size or 0.0, c.unit)) for c in found]
     words = "19 times of 20 a change is found from this size on, the tool's in its worst direction; a name takes more."
-    never = [change_name(c.what, c.joint) for c in outcome.changes if c.size is None]
-    resting = [change_name(*key) for key in outcome.scanner_at_rest]
+    never = [change_label(c.what, c.joint) for c in outcome.changes if c.size is None]
     sentences = [
-        *([f"seen only where the scanner did not move, which looks the same: {', '.join(resting)}"] if resting else []),
-        *([f"not found by any pose, as it hardly moves the target: {', '.join(never)}"] if never else []),
+        *([f"not found by any pose, or taken for the instrument: {', '.join(never)}"] if never else []),
         *(["each pose measured twice lowers the sizes by nearly a third, four times by a half"] if found else []),
     ]
     table = [Table(("change", "found from"), rows, left=(0,)), Paragraph(words, soft=True)] if rows else []
     keys = [{"what": c.what, "joint": c.joint, "unit": c.unit, "found_from": c.size} for c in outcome.changes]
     return Told("to watch the cell", False, table, sentences, {"check": keys})
-
-
-def change_name(what: str, joint: int | None, parameter: str = "") -> str:
-    """Name of a usual change of a cell: "zero of joint 3", "tool"."""
-    return what if joint is None else f"zero of joint {joint}"
