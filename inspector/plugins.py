@@ -94,6 +94,15 @@ class Download:
 
 
 @dataclass(frozen=True)
+class TargetFile:
+    """Files of an arm's targets that a page brings to be corrected."""
+
+    suffixes: tuple[str, ...]
+    read: str  # place of a function (path, robot) -> targets, which is called in a bounded process
+    correct: str  # place of a function (targets, robot, model) -> the file's bytes, and blocks of what is told of it
+
+
+@dataclass(frozen=True)
 class PlanFile:
     """Files of a plan that the page's tab *Plan* offers by a button."""
 

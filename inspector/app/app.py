@@ -31,6 +31,7 @@ from inspector.app.page.tab_controller import Page, TabController
 from inspector.app.page.tabs import CONTRIBUTED, VIEW_OF_TAB, add_panels
 from inspector.panels.input_checks import whole_number
 from inspector.scene.scene_view import LAYERS
+from inspector.server.uploads import take_uploads
 from inspector.server.viser_server import InspectorServer, tell
 from inspector.server.worker import LongWork, Worker
 from inspector.session.dropped import dataset_of_session
@@ -90,10 +91,17 @@ class App:
             tab.name: load(tab.controller)(page, panels.contributed[tab.name]) for tab in CONTRIBUTED if tab.controller
         }
         self._watches = [Watch(lambda: user_effects.version, self.effects), Watch(self._files, self._files_changed)]
-        self.downloads = Downloads(self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root)
         self.imports = Imports(
             server, data, panels.own_data, self.worker, on_made=self._imported, on_session=self._open_session
         )
+        self.downloads = Downloads(
+            server, self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root, self.imports.uploads
+        )
+        if panels.own_data.upload is not None:
+            panels.downloads.targets.visible = True
+            own, targets = panels.own_data.upload, panels.downloads.targets
+            arriving = ((own, self.imports.arrived), (targets, self.downloads.correct))
+            take_uploads(server, arriving, self.imports.uploads)
         server.requests.on("pose", self.select_id)
         server.requests.on("tabs", self.tabs)
         server.requests.on("look", self.look_from)

@@ -17,7 +17,7 @@ from calib.robot_formats.calibrated_file import kept_template
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD, DOUBT
 from inspector.panels.base import SECONDARY, Actions, FollowsModel
-from inspector.plugins import Download, contributions
+from inspector.plugins import Download, TargetFile, contributions
 from inspector.session.view import View
 
 NOTE = "Each file is made when you press and goes to your browser's downloads; the server keeps nothing."
@@ -26,6 +26,7 @@ REPORT, OWN_FILE, TABLE, MODEL = (
     "Report (HTML)", "Your robot's file, calibrated", "Calibrated robot (TOML)", "Full model (JSON)",
 )  # fmt: skip
 SESSION = "Session (JSON)"
+_CORRECTION = "calib.present.moves.correction"
 RESIDUALS, POINTS, REDUNDANCY = "Residuals (CSV)", "Measured points (CSV)", "Redundancy (CSV)"
 
 
@@ -92,8 +93,22 @@ for _brought in CONTRIBUTED.values():
     GROUPS.setdefault(_brought.group, {})[_brought.name] = Item(
         viser.IconName(_brought.icon), _brought.holds, _brought.command
     )
+CORRECTED = {
+    suffix: brought
+    for brought in (
+        TargetFile((".csv",), f"{_CORRECTION}:read_table", f"{_CORRECTION}:correct_table"),
+        *contributions(TargetFile),
+    )
+    for suffix in brought.suffixes
+}
+"""How files of targets are corrected, by suffix."""
 ITEMS = {name: item for group in GROUPS.values() for name, item in group.items()}
 PRIMARY = REPORT
+TARGETS = "Correct my targets …"
+TARGETS_HINT = (
+    f"A table of joint targets with columns as poses.csv has them ({', '.join(sorted(CORRECTED))}): it comes back "
+    "corrected by the model on show, as the command correct does it; what is not reached is told."
+)
 
 
 class DownloadsPanel(FollowsModel):
@@ -118,16 +133,26 @@ class DownloadsPanel(FollowsModel):
                 )
                 button.on_click(partial(_pressed, actions, name))
                 self._buttons[name], self._notes[name] = button, gui.add_html(elements.note(item.holds))
+            if group == "Robot":
+                self.targets = gui.add_upload_button(
+                    TARGETS, icon=viser.Icon.TARGET, color=SECONDARY, hint=TARGETS_HINT, visible=False
+                )
+                self._corrected = gui.add_html("")
 
     def update(self, view: View) -> None:
         """Show the downloads that this dataset allows, and what to know before a robot's file is used."""
         own = kept_template(view.session.dataset.folder) is not None
         self.offer(OWN_FILE, own)
         self._before_use.content = before_use_html(view)
+        self.tell_corrected("")
 
     def offer(self, name: str, offered: bool) -> None:
         """Show or hide the button and the note of one of `ITEMS`."""
         self._buttons[name].visible = self._notes[name].visible = offered
+
+    def tell_corrected(self, content: str) -> None:
+        """Show what came of targets that a page brought."""
+        self._corrected.content = content
 
     def say(self, words: str) -> None:
         """Show what is being made; "" clears it."""

@@ -1,4 +1,4 @@
-"""File uploads of pages: accepted through one button only, within limits, and written straight to a folder.
+"""File uploads of pages: accepted through given buttons only, within limits, and written straight to a folder.
 
 Viser keeps all parts in memory, of any number, from anyone, for any widget. Here a transfer has to come from the upload
 button, of a size that is told and held to, its parts whole and in order, one transfer a page at a time; what arrives is
@@ -11,7 +11,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -75,18 +75,17 @@ class Uploads:
     def __init__(
         self,
         folder: Path,
-        done: Callable[[Upload], None],
         answer: Callable[[int, Any], None],
         refused: Callable[[int, str], None],
         limits: UploadLimits | None = None,
     ) -> None:
         """Uploads into a hidden folder below `folder`, which is made where it is missing and removed at the end.
 
-        `done`, `answer`, `refused`: called with the file, with viser's acknowledgement, with the reason, and the page.
+        `answer`, `refused`: called with the page, and with viser's acknowledgement or the reason.
         """
         self.folder, self.limits = folder, limits or UploadLimits()
-        self.button = ""  # uuid of the one widget that files may come from
-        self._done, self._answer, self._refused = done, answer, refused
+        self.buttons: dict[str, Callable[[Upload], None]] = {}  # what takes their files, by uuid
+        self._answer, self._refused = answer, refused
         self._staging: Path | None = None
         self._made = False  # whether the folder itself is ours
         self._now: dict[int, _Transfer] = {}
@@ -103,7 +102,7 @@ class Uploads:
             log.warning("client %s: refused a second transfer beside the first", client)
             return
         self._drop(client)
-        if not _is_sound(message) or message.source_component_uuid != self.button or not self.button:
+        if not _is_sound(message) or message.source_component_uuid not in self.buttons:
             log.warning("client %s: refused the transfer %.200r", client, message)
             return
         try:
@@ -124,7 +123,7 @@ class Uploads:
             os.fdopen(handle, "wb"),
             message.size_bytes,
             message.part_count,
-            self.button,
+            message.source_component_uuid,
         )
         self._held[client] = self._held.get(client, 0) + message.size_bytes
         if message.part_count == 0:
@@ -151,7 +150,7 @@ class Uploads:
             transfer.file.write(content)
         except OSError as error:
             self._drop(client)
-            self._refuse(client, message, f"it cannot be written here ({error.strerror or error})")
+            self._refuse(client, message, f"it cannot be written here ({error.strerror or error})", transfer.source)
             return
         transfer.arrived += 1
         transfer.last = time.monotonic()
@@ -183,12 +182,12 @@ class Uploads:
         transfer.file.close()
         if transfer.size == 0:
             self._answer(client, _ack(transfer.source, transfer.uuid, 0, 0))
-        self._done(Upload(client, transfer.name, transfer.path))
+        self.buttons[transfer.source](Upload(client, transfer.name, transfer.path))
 
-    def _refuse(self, client: int, message: Any, why: str) -> None:
+    def _refuse(self, client: int, message: Any, why: str, source: str = "") -> None:
         size = getattr(message, "size_bytes", 1)
         # Without it the page would show the transfer, and keep its button off, for ever.
-        self._answer(client, _ack(self.button, message.transfer_uuid, size, size))
+        self._answer(client, _ack(source or message.source_component_uuid, message.transfer_uuid, size, size))
         self._refused(client, why)
 
     def _drop(self, client: int) -> None:
@@ -310,9 +309,13 @@ def size_bytes(folder: Path) -> int:
     return total
 
 
-def take_uploads(server: viser.ViserServer, button: viser.GuiUploadButtonHandle, uploads: Uploads) -> None:
-    """Accept files uploaded through one button, within the limits of `uploads`."""
-    uploads.button = button._impl.uuid
+def take_uploads(
+    server: viser.ViserServer,
+    buttons: Sequence[tuple[viser.GuiUploadButtonHandle, Callable[[Upload], None]]],
+    uploads: Uploads,
+) -> None:
+    """Accept files uploaded through some buttons, each with what takes them, within the limits of `uploads`."""
+    uploads.buttons = {button._impl.uuid: done for button, done in buttons}
     handlers = server.gui._websock_interface._incoming_handlers
     handlers[_messages.FileTransferStartUpload] = [uploads.start]  # type: ignore[list-item]
     handlers[_messages.FileTransferPart] = [uploads.part]  # type: ignore[list-item]

@@ -18,6 +18,8 @@ import viser
 import zstandard
 from websockets.sync.client import connect
 
+from inspector.server.uploads import PART_BYTES
+
 POLL_S = 0.05
 
 
@@ -192,6 +194,19 @@ class WireClient:
         with self._changed:
             self.gui[uuid]["value"] = value
         self.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
+
+    def upload(self, button: str, name: str, content: bytes) -> None:
+        """Send a file through an upload button, in parts as viser's page does."""
+        uuid, parts = self.find(button), -(-len(content) // PART_BYTES)
+        self.send(
+            type="FileTransferStartUpload", source_component_uuid=uuid, transfer_uuid=name, filename=name, mime_type="",
+            part_count=parts, size_bytes=len(content),
+        )  # fmt: skip
+        for k in range(parts):
+            part = content[k * PART_BYTES : (k + 1) * PART_BYTES]
+            self.send(
+                type="FileTransferPart", source_component_uuid=uuid, transfer_uuid=name, part_index=k, content=part
+            )
 
     def press(self, label: str, button: str) -> None:
         """Press one of a group's buttons, once the page has it."""

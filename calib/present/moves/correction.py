@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from calib.compensation.correction import Correction
+from calib.compensation.target_files import Targets, corrected_table, load_targets, require_conditions
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.models.fitted_model import FittedModel
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Facts, Paragraph, Presentation, Table
 from calib.statistics import rms
 
+_MOST_TARGETS = 20_000  # that a page corrects
 _LISTED = 20  # targets that are not reached, with the reason each
 
 
@@ -34,6 +40,21 @@ def correction_blocks(correction: Correction, ids: Sequence[str] = ()) -> list[B
         Table(("not reached", "why"), rows, left=(0, 1)),
         Paragraph(f"and {more} more" if more > 0 else ""),
     ]
+
+
+def read_table(path: Path, robot: Robot) -> Targets:
+    """Joint targets of a table that a page brought; see `load_targets`. Raises CalibError for more than it corrects."""
+    targets = load_targets(path, robot)
+    if len(targets.poses) > _MOST_TARGETS:
+        raise CalibError(f"{path}: {len(targets.poses):,} targets; a page corrects {_MOST_TARGETS:,}, the command all")
+    return targets
+
+
+def correct_table(targets: Targets, robot: Robot, model: FittedModel) -> tuple[bytes, list[Block]]:
+    """The table of targets corrected by a model, as CSV, with what is told of it. Raises CalibError."""
+    require_conditions(targets, model.needs, model.model.family_names)
+    correction = model.correct(targets.poses.q, targets.poses, None, robot, targets.poses.ids)
+    return corrected_table(targets, correction).encode(), correction_blocks(correction, targets.poses.ids)
 
 
 def gain_blocks(correction: Correction, first: Sequence[tuple[str, object]] = ()) -> list[Block]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -9,15 +10,22 @@ from pathlib import Path
 
 import viser
 
+from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.errors import CalibError, DatasetError
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.plugins import load
+from calib.rendering import html
+from calib.rendering.blocks import Block
 from calib.robot_formats.calibrated_file import kept_template
+from calib.served_process import within_limits
 from inspector.app.page.page_state import PageState
 from inspector.export import csv_files as exports
+from inspector.markup.parts import elements
+from inspector.markup.parts.palette import BAD
 from inspector.panels.downloads import (
     CONTRIBUTED,
+    CORRECTED,
     ITEMS,
     MODEL,
     OWN_FILE,
@@ -30,6 +38,8 @@ from inspector.panels.downloads import (
     DownloadsPanel,
 )
 from inspector.server.background import Background
+from inspector.server.uploads import Upload, Uploads
+from inspector.server.viser_server import InspectorServer
 from inspector.server.worker import LongWork, Worker
 from inspector.session import measuring
 from inspector.session import transitions as sessions
@@ -62,14 +72,16 @@ class Downloads:
 
     def __init__(
         self,
+        server: InspectorServer,
         state: PageState,
         view_name: Callable[[], str],
         worker: Worker,
         panel: DownloadsPanel,
         root: Path,
+        uploads: Uploads,
     ) -> None:
-        self._state, self._view_name, self._worker = state, view_name, worker
-        self._panel, self._root = panel, root
+        self._server, self._state, self._view_name, self._worker = server, state, view_name, worker
+        self._panel, self._root, self._uploads = panel, root, uploads
         self._files = Background("files")
 
     def close(self) -> None:
@@ -81,6 +93,28 @@ class Downloads:
         if what in ITEMS:
             self._worker.submit(("take", what, client.client_id), lambda: self._take(what, client))
 
+    def correct(self, upload: Upload) -> None:
+        """Correct a file of targets that a page brought, and send it back."""
+        self._worker.submit(("correct", upload.client), lambda: self._correct(upload))
+
+    def _correct(self, upload: Upload) -> LongWork:
+        asked = Asked(self._state.now, self._view_name(), self._root)
+        self._panel.tell_corrected(elements.note(f"Correcting {upload.name} …"))
+        try:
+            with self._uploads.writing(upload.client):
+                made = yield from self._files.run(lambda: corrected(upload, asked))
+        except CalibError as error:
+            self._panel.tell_corrected(elements.alert(str(error).replace(f"{upload.path.parent}/", ""), colour=BAD))
+            return
+        finally:
+            upload.path.unlink(missing_ok=True)
+        assert made is not None
+        content, blocks = made
+        self._panel.tell_corrected(html.panel(blocks))
+        client = self._server.get_clients().get(upload.client)
+        if client is not None:
+            client.send_file_download(f"corrected_{upload.name}", content, save_immediately=True)
+
     def _take(self, what: str, client: viser.ClientHandle) -> LongWork:
         asked = Asked(self._state.now, self._view_name(), self._root)
         self._panel.say(f"Making: {what} …")
@@ -91,6 +125,25 @@ class Downloads:
         assert made is not None
         name, content = made
         client.send_file_download(exports.file_name(asked.session.dataset.name, name), content, save_immediately=True)
+
+
+def corrected(upload: Upload, asked: Asked) -> tuple[bytes, list[Block]]:
+    """An uploaded file of targets corrected by the model on show, and what is told of it. Raises CalibError."""
+    kind = CORRECTED.get(Path(upload.name).suffix.lower())
+    if kind is None:
+        raise CalibError(f"{upload.name}: is no file of targets; known are {', '.join(sorted(CORRECTED))}")
+    implausible = implausibility_reason(asked.calibration)
+    if implausible:
+        raise CalibError(f"{upload.name}: not corrected, as the model is not fit for it: {implausible}")
+    robot = asked.session.dataset.robot
+    with tempfile.TemporaryDirectory(dir=upload.path.parent) as folder:
+        path = Path(upload.path).rename(Path(folder) / upload.name)
+        try:
+            targets = within_limits(upload.name, load(kind.read), path, robot)
+        except CalibError as error:
+            raise CalibError(str(error).replace(f"{folder}/", "")) from None
+    made: tuple[bytes, list[Block]] = load(kind.correct)(targets, robot, asked.calibration.fitted_model)
+    return made
 
 
 def _made(what: str, asked: Asked) -> tuple[str, bytes]:

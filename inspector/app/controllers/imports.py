@@ -34,7 +34,7 @@ from inspector.panels.your_data import (
 )
 from inspector.server.arrived_files import add_file, looked_through, robots_of
 from inspector.server.background import Background
-from inspector.server.uploads import Upload, Uploads, answer, plain_name, take_uploads
+from inspector.server.uploads import Upload, Uploads, answer, plain_name
 from inspector.server.viser_server import InspectorServer, guard_gui
 from inspector.server.worker import LongWork, Worker
 from inspector.session.dropped import dataset_needed, dataset_of_session, is_session_file, read_session
@@ -84,22 +84,19 @@ class Imports:
         self._folder = folder or Path()
         self._open: dict[int, _Import] = {}
         self._background = Background("import")
-        self._uploads = Uploads(
-            self._folder, self._arrived, lambda client, message: answer(server, client, message), self._refused
-        )
-        if button.upload is not None:
-            take_uploads(server, button.upload, self._uploads)
+        self.uploads = Uploads(self._folder, lambda client, message: answer(server, client, message), self._refused)
         if button.how is not None:
             button.how.on_click(self._explain)
 
     def close(self) -> None:
         """End the thread and remove files that were not imported."""
         self._background.close()
-        self._uploads.close()
+        self.uploads.close()
 
     # ---- what pages ask for: from any thread ----
 
-    def _arrived(self, upload: Upload) -> None:
+    def arrived(self, upload: Upload) -> None:
+        """Take a file that a page uploaded."""
         self._worker.submit(("arrived", upload.path), lambda: self._take(upload))
 
     def _refused(self, client: int, why: str) -> None:
@@ -141,7 +138,7 @@ class Imports:
         for gone in [client for client in self._open if client not in self._server.get_clients()]:
             self._end(gone)
         if page is None:
-            self._uploads.release(upload.client)
+            self.uploads.release(upload.client)
             return
         at = self._open.get(upload.client)
         if at is None and is_session_file(upload.path):
@@ -151,7 +148,7 @@ class Imports:
             guard_gui(page.gui)
             with page.atomic():  # all at once, so that the window opens as it will stay
                 window = YourDataWindow(page.gui, upload.client, self)
-            at = _Import(upload.client, window, self._uploads.of(upload.client) / "files")
+            at = _Import(upload.client, window, self.uploads.of(upload.client) / "files")
             self._open[upload.client] = at
         at.suggested = at.suggested or Path(upload.name).stem
         folder = at.folder
@@ -174,12 +171,12 @@ class Imports:
             self._tell(upload.client, "That did not work", str(error))
             return
         finally:
-            self._uploads.release(upload.client)
+            self.uploads.release(upload.client)
         if not self._on_session(saved):
             self._tell(upload.client, "The session's dataset is missing", dataset_needed(saved))
 
     def _add(self, upload: Upload, folder: Path) -> None:
-        with self._uploads.writing(upload.client) as room_bytes:
+        with self.uploads.writing(upload.client) as room_bytes:
             add_file(upload.path, upload.name, folder, room_bytes)
 
     def _plan(self, at: _Import) -> LongWork:
@@ -277,7 +274,7 @@ class Imports:
         try:
             if out.exists():
                 raise CalibError(f"{name}: there is a dataset of this name already; give another one")
-            yield from self._background.run(lambda: self._uploads.refuse_copy(client))
+            yield from self._background.run(lambda: self.uploads.refuse_copy(client))
             if plan is None:
                 yield from self._background.run(lambda: copy_dataset(files.datasets[0], out))
             else:
@@ -294,7 +291,7 @@ class Imports:
         at = self._open.pop(client, None)
         if at is not None:
             at.window.close()
-            self._uploads.release(client)
+            self.uploads.release(client)
 
 
 def _session_among(folder: Path, ready: Dataset | None) -> tuple[Saved | None, str]:

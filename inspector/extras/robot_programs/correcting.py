@@ -11,8 +11,10 @@ from calib.errors import CalibError
 from calib.extras.robot_programs.measuring_program import require_joints
 from calib.extras.robot_programs.program_blocks import program_correction_blocks, program_correction_document
 from calib.extras.robot_programs.program_correction import corrected_program, require_no_conditions
-from calib.extras.robot_programs.program_targets import frame_given, load_program, require_frames
+from calib.extras.robot_programs.program_targets import Program, frame_given, load_program, require_frames
+from calib.kinematics.robot import Robot
 from calib.models.fitted_model import FittedModel
+from calib.rendering.blocks import Block
 from calib.rendering.text import block_text
 from inspector.cli.additions import CorrectAddition
 from inspector.cli.dataset_commands import show
@@ -54,3 +56,18 @@ class CorrectedProgram(CorrectAddition[CorrectProgramOptions, CorrectOptions]):
             return 0 if result.reached else 1
 
         return write
+
+
+def read_program(path: Path, robot: Robot) -> Program:
+    """A robot program that a page brought, for an arm that its language can move."""
+    program = load_program(path)
+    require_joints(path, program.language, robot.is_revolute.tolist())
+    require_frames(program, None, None)
+    return program
+
+
+def correct_program(program: Program, robot: Robot, model: FittedModel) -> tuple[bytes, list[Block]]:
+    """The program corrected by a model, and what is told of it. Raises CalibError."""
+    require_no_conditions(program, model.needs, model.model.family_names)
+    result = corrected_program(program, robot, model)
+    return result.content, program_correction_blocks(result)

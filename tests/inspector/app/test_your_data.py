@@ -22,12 +22,13 @@ from calib.robot_formats.urdf.text import plain_urdf
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
 from inspector.app.serving import serving
+from inspector.panels.downloads import TARGETS
 from inspector.panels.your_data import OPEN, OWN_DATA
-from inspector.server.uploads import PART_BYTES
 from inspector.server.viser_server import url_of
 from inspector.session.session_file import session_text
 from tests.support.app import IDLE_S, idle, plain, shows, without_reflections
 from tests.support.browser import MS, open_page, says
+from tests.support.commands import printed
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
 
@@ -76,25 +77,35 @@ def packed(files: dict[str, bytes]) -> bytes:
 
 def send(page: WireClient, name: str, content: bytes, source: str = OWN_DATA) -> None:
     """Upload a file as viser's page does."""
-    uuid, parts = page.find(source), -(-len(content) // PART_BYTES)
-    page.send(
-        type="FileTransferStartUpload", source_component_uuid=uuid, transfer_uuid=name, filename=name, mime_type="",
-        part_count=parts, size_bytes=len(content),
-    )  # fmt: skip
-    for k in range(parts):
-        part = content[k * PART_BYTES : (k + 1) * PART_BYTES]
-        page.send(
-            type="FileTransferPart",
-            source_component_uuid=uuid,
-            transfer_uuid=name,
-            part_index=k,
-            content=part,
-        )
+    page.upload(source, name, content)
 
 
 def open_button(page: WireClient) -> bool:
     """Whether what is there can be imported."""
     return page.has(OPEN) and not page.props(OPEN)["disabled"]
+
+
+def test_targets_that_a_page_brings_come_back_as_the_command_corrects_them(
+    app: App, served: Path, tmp_path: Path
+) -> None:
+    """A table of joint targets, one of them out of reach of any correction; and what is no table."""
+    rows = (served / "poses.csv").read_text().splitlines()
+    given = tmp_path / "targets.csv"
+    given.write_text("\n".join(rows[:6]) + "\n")
+    model = app.state.now.session.calibration
+    assert model is not None
+    model.fitted_model.save(model_json := tmp_path / "model.json")
+    printed("correct", served, "--model", model_json, "--joints", given, "--out", tmp_path / "out.csv", code=1)
+    with WireClient(app.server.get_port()) as page:
+        send(page, "targets.csv", given.read_bytes(), TARGETS)
+        page.wait(lambda p: "corrected_targets.csv" in p.downloads)
+        assert page.downloads["corrected_targets.csv"] == (tmp_path / "out.csv").read_bytes()
+        shows(page, "of 5 (", "largest change of a joint", "not reached")
+        send(page, "mine.csv", b"a,b\n1,2\n", TARGETS)
+        shows(page, "mine.csv: line 1: missing column q1_deg")
+        send(page, "photo.png", b"PNG", TARGETS)
+        shows(page, "photo.png: is no file of targets")
+        assert not list((tmp_path / "data").rglob("*.csv"))
 
 
 def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(

@@ -29,12 +29,11 @@ class Desk:
         limits = {"free_bytes": 0} | limits
         self.uploads = Uploads(
             folder,
-            self.done.append,
             lambda client, ack: self.acks.append((client, ack.transferred_bytes, ack.total_bytes)),
             lambda client, why: self.refused.append(f"{client}: {why}"),
             UploadLimits(**limits),
         )
-        self.uploads.button = "button"
+        self.uploads.buttons = {"button": self.done.append}
 
     def start(self, size: int, client: int = 1, uuid: str = "u", **changes: Any) -> None:
         told = {
@@ -254,7 +253,7 @@ LEFT = """
 import sys, time
 from pathlib import Path
 from inspector.server.uploads import UploadLimits, Uploads
-uploads = Uploads(Path(sys.argv[1]), print, print, print, UploadLimits(free_bytes=0))
+uploads = Uploads(Path(sys.argv[1]), print, print, UploadLimits(free_bytes=0))
 (uploads.of(1) / "part.x").write_text("x")
 print("there", flush=True)
 time.sleep(60)
