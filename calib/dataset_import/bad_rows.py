@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from calib.dataset_import.reading import ImportReport, LeftOutRow
+from calib.dataset_import.reading import ImportReport
 from calib.errors import visible
 from calib.rendering import numbers
 from calib.text_files.column_names import listed, plain
@@ -13,7 +13,6 @@ from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import RowFault, UserTable
 
 _FEWEST = 3  # columns of a table in which a row of one cell is a remark
-_SHOWN = 4
 _DETAILED = 30  # rows of a table whose fault a note names; of further ones it names the line
 
 
@@ -35,12 +34,8 @@ def without_remarks(report: ImportReport, table: UserTable) -> UserTable:
     if not left_out or len(left_out) == len(table):
         return table
     names = [next(cell for cell in table.rows[i] if cell)[:40] for i in left_out]
-    report.left_out += [
-        LeftOutRow(table.path.name, table.lines[i], name, "a remark or summary")
-        for i, name in zip(left_out, names, strict=True)
-    ]
+    shown = report.leave_out(table, left_out, names, "a remark or summary")
     where = numbers.in_short([str(table.lines[i]) for i in left_out], _DETAILED)
-    shown = numbers.in_short([repr(name) for name in names], _SHOWN)
     report.notes.append(
         visible(
             f"{table.path}: remarks and summaries beside the poses are left out, {table.rows_are}s {where}: {shown}"

@@ -97,6 +97,8 @@ _TURNED = re.compile(
     r"(?:(?P<others>(?:[+-]q[1-9]\d?)+)|(?P<offset>[+-]\d{1,4}(?:\.\d{1,6})?))?$"
 )
 _FEW_JOINTS = 2
+Markers = dict[str, tuple[str, str, str]]
+"""Columns x, y, z by the name of the marker or point that they are of."""
 BY_NAME, AS_MAPPED, BY_PLACE = "by its name", "as told", "by its place, as there is no header"
 
 
@@ -297,7 +299,7 @@ def end_in_joint(names: Sequence[str]) -> bool:
     return sum(plain(split_unit(name)[0]).endswith("joint") for name in names) > _FEW_JOINTS
 
 
-def point_groups(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+def point_groups(names: Sequence[str]) -> Markers:
     """Columns x, y, z of each point, by what stands beside the axis in their names.
 
     Nominal points, deviations, turns and the controller's own poses are none.
@@ -314,12 +316,12 @@ def point_groups(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
     return {stem: (axes["x"], axes["y"], axes["z"]) for stem, axes in found.items() if len(axes) == 3}
 
 
-def marker_columns(names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+def marker_columns(names: Sequence[str]) -> Markers:
     """Columns x, y, z of each of several markers, such as T1_x ... T2_x ..., or x1 ... x2 ..., by the markers' names.
 
     {} unless their names differ by numbers or single letters alone, or all have a word for a marker.
     """
-    kinds: dict[str, dict[str, tuple[str, str, str]]] = {}
+    kinds: dict[str, Markers] = {}
     for stem, columns in point_groups(names).items():
         kinds.setdefault(kind_of_marker(stem), {})[stem or "1"] = columns
     most = max(kinds.values(), key=len, default={})
@@ -352,24 +354,23 @@ def numbered_joints(names: Sequence[str]) -> list[str]:
 def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
     wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
     by_name = {plain(_VALUE.sub("", split_unit(name)[0])): name for name in names}
-    if wanted and len(set(wanted)) == len(wanted):
-        if all(joint in by_name for joint in wanted):
-            return [by_name[joint] for joint in wanted], []
-        ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
-        if all(len(found) == 1 for found in ends) and min(map(len, wanted)) > 2:
-            return [found[0] for found in ends], []
-        if min(map(len, ends)) > 1 and len(set(map(len, ends))) == 1 and min(map(len, wanted)) > 2:
-            return [], [_which_arm(list(zip(*ends, strict=True)), robot)]
-    for series in _SERIES:
-        if set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
+    is_clear = bool(wanted) and len(set(wanted)) == len(wanted)
+    for series in (wanted if is_clear else [], *_SERIES):
+        if series and set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
             return [by_name[name] for name in series], []
-    bare = {int(name): name for name in names if name.isascii() and name.isdigit() and len(name) < 3}
-    if robot is not None and sorted(bare) == list(range(1, robot.n_joints + 1)):
-        return [bare[k] for k in sorted(bare)], []
+    if is_clear and min(map(len, wanted)) > 2:
+        ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
+        counts = set(map(len, ends))
+        if counts == {1}:
+            return [found[0] for found in ends], []
+        if len(counts) == 1 and min(counts) > 1:
+            return [], [_which_arm(list(zip(*ends, strict=True)), robot)]
     sets: dict[str, dict[int, str]] = {}
     for name in names:
         match = _JOINT.fullmatch(split_unit(name)[0].strip())
-        if match and match["first"]:
+        if robot is not None and name.isascii() and name.isdigit() and len(name) < 3:
+            sets.setdefault("", {})[int(name)] = name
+        elif match and match["first"]:
             sets.setdefault("first", {})[int(match["first"])] = name
         elif match and plain(match["end"]) in _ENDS:
             key = f"{plain(match['set'])} {plain(match['end'])}"
@@ -385,9 +386,7 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
     actual = [columns for columns in complete.values() if words_of(columns[0]) & _ACTUAL]
     if len(complete) == 1 or len(actual) == 1:
         return (actual or list(complete.values()))[0], []
-    if complete:
-        return [], [_which_arm(list(complete.values()), None)]
-    return [], []
+    return [], [_which_arm(list(complete.values()), None)] if complete else []
 
 
 def _which_arm(sets: Sequence[Sequence[str]], robot: Robot | None) -> str:

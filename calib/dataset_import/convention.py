@@ -20,6 +20,7 @@ from calib.dataset_import.columns import AS_MAPPED, Recognised
 from calib.dataset_import.reading import ImportReport, MeantTable
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
+from calib.rendering import numbers
 from calib.robot_formats.conventions import TABLE_KINDS, RobotReading
 from calib.robot_formats.robot_file import RobotFile
 
@@ -149,88 +150,78 @@ def settled(
     """
     sample, meant, table = None if sheet is None else sheet.sample, joints.meant, joints.path
     asked = readings[0]
-    plain = JointReading.plain(asked.robot.robot.n_joints)
+    arm, plain = asked.robot.robot, JointReading.plain(asked.robot.robot.n_joints)
     as_it_is = ResolvedConventions(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
-        report.notes.append(f"{asked.robot.robot.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
-    if asked.robot.robot.is_cartesian:
+        report.notes.append(f"{arm.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
+    if arm.is_cartesian:
         return as_it_is
+    is_open = len(readings) > 1 and not any(each.asked for each in readings)
     if sheet is None or sample is None or len(sample.q) < FEWEST_POSES or not sample.spread_mm > 0.0:
-        if not any(each.asked for each in readings) and len(readings) > 1:
+        if is_open:
             report.fault(_ask_for_convention(asked, readings))
         return as_it_is
     misfits = [misfit_mm(each.robot.robot, sample) for each in readings]
-    least = min(misfits)
+    least, *others = sorted(misfits)
     best = readings[misfits.index(least)]
-    near = least <= AGREES * _scale_mm(best.robot.robot, sample)
-    if not any(each.asked for each in readings) and len(readings) > 1:
-        worse = min(m for m, each in zip(misfits, readings, strict=True) if each is not best)
-        if not near or worse < GAIN * least:
-            report.fault(_ask_for_convention(asked, readings))
-            return as_it_is
+    is_clear = least <= AGREES * _scale_mm(best.robot.robot, sample) and bool(others) and others[0] >= GAIN * least
+    if is_open and not is_clear:
+        report.fault(_ask_for_convention(asked, readings))
+        return as_it_is
+    if is_clear and (is_open or best is not asked):
         report.notes.append(
-            f"{best.robot.robot.name}: its table is {TABLE_KINDS[best.convention]}, with which the nominal arm misses "
-            f"the points by {least:.3g} mm rms, and with the other one by {worse:.3g} mm"
+            f"{arm.name}: its table is taken for {TABLE_KINDS[best.convention]}: so read, the nominal arm misses the "
+            f"points by {least:.3g} mm rms, otherwise by {others[0]:.3g} mm"
         )
+        report.notes += [f"{arm.name}: {note}" for note in best.robot.notes]
         return ResolvedConventions(best.robot, plain)
-    if best is not asked and near and misfits[0] >= GAIN * least:
-        report.notes.append(
-            f"{asked.robot.robot.name}: its table is taken for {TABLE_KINDS[best.convention]}: so read, the nominal "
-            f"arm misses the points by {least:.3g} mm rms, and by {misfits[0]:.3g} mm as "
-            f"{TABLE_KINDS[asked.convention]}, which robot.toml is written in"
-        )
-        report.notes += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
-        return ResolvedConventions(best.robot, plain)
-    names = [joints.named(f"q{k + 1}") for k in range(asked.robot.robot.n_joints)]
-    scale_mm = _scale_mm(asked.robot.robot, sample)
+    names = [joints.named(f"q{k + 1}") for k in range(arm.n_joints)]
+    scale_mm = _scale_mm(arm, sample)
     is_told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if _is_joint(name))
-    if misfits[0] > (_FAR if asked.robot.robot.is_revolute.all() else _FAR_OF_SCREWS) * scale_mm:
-        convention = joint_convention(asked.robot.robot, sample.q, sample.points_mm)
-        told = [of_reading(one, names, asked.robot.robot.is_revolute) for one in convention.readings]
-        fall = f"the error falls from {convention.as_it_is_mm:.3g} to {convention.left_mm:.3g} mm"
+
+    def read_so(mistake: str, change: str, fall: str, reading: JointReading) -> ResolvedConventions:
+        report.notes.append(f"{table}: {mistake}, and is read so: {change} {fall}; --map says it otherwise")
+        return _as_read(asked.robot, reading, f"so read, {fall}")
+
+    if misfits[0] > (_FAR if arm.is_revolute.all() else _FAR_OF_SCREWS) * scale_mm:
+        convention = joint_convention(arm, sample.q, sample.points_mm)
+        told = [of_reading(one, names, arm.is_revolute) for one in convention.readings]
+        fall = _fall(convention.as_it_is_mm, convention.left_mm)
         if len(told) == 1 and not is_told:
-            report.notes.append(
-                f"{table}: {told[0].mistake}, and is read so: {told[0].change} {fall}; --map says it otherwise"
-            )
-            return _as_read(asked.robot, convention.readings[0], f"so read, {fall}")
+            return read_so(told[0].mistake, told[0].change, fall, convention.readings[0])
         if told:
-            mistakes = ", or ".join(one.mistake for one in told[:_MOST_LISTED])
-            more = f", or {len(told) - _MOST_LISTED} others" if len(told) > _MOST_LISTED else ""
+            mistakes = numbers.in_short([one.mistake for one in told], _MOST_LISTED)
             which = f" {told[0].change}" if len(told) == 1 else " these poses do not tell which;"
-            report.doubts.append(f"{table}: {mistakes}{more}:{which} {fall}; tell with --map")
+            report.doubts.append(f"{table}: {mistakes}:{which} {fall}; tell with --map")
             return as_it_is
-    found = _suspicions(sheet, asked.robot.robot, names) if sample.is_enough else Suspicions(None)
+    found = _suspicions(sheet, arm, names) if sample.is_enough else Suspicions(None)
     problem = found.problem
-    if problem is not None and problem.hypothesis.angle_scale != 1.0 and _names_tell_units(meant):
-        problem = None
-    if problem is None:
-        if found.likeliest is not None:
-            report.doubts.append(
-                f"{table}: {found.likeliest.warning}, or an effect of the arm looks so: inspector diagnose weighs them"
-            )
-        if misfits[0] > AGREES * scale_mm:
-            stood = (
-                f"; if column {placements[0]} names where the instrument, or a plate, stood, say so by --map "
-                f"'{placements[0]}=setup'"
-                if placements
-                else ""
-            )
-            report.doubts.append(
-                f"{table}: the nominal arm misses the points by {misfits[0]:.3g} mm rms, and they spread by "
-                f"{sample.spread_mm:.3g} mm: they may be of another robot, or in another order; no sign, order, zero "
-                f"or sum of the joints explains it{stood}"
-            )
+    if problem is not None and not (problem.hypothesis.angle_scale != 1.0 and _names_tell_units(meant)):
+        reading = problem.hypothesis.reading
+        if reading is not None and not problem.rivals and not is_told:
+            fall = _fall(problem.now_mm, problem.then_mm)
+            return read_so(problem.mistake, problem.hypothesis.change, fall, reading)
+        report.doubts.append(f"{table}: {problem.warning}{'; tell with --map' if reading is not None else ''}")
         return as_it_is
-    reading = problem.hypothesis.reading
-    if reading is None or problem.rivals or is_told:
-        by_map = "; tell with --map" if reading is not None else ""
-        report.doubts.append(f"{table}: {problem.warning}{by_map}")
-        return as_it_is
-    fall = f"the error falls from {problem.now_mm:.3g} to {problem.then_mm:.3g} mm"
-    report.notes.append(
-        f"{table}: {problem.mistake}, and is read so: {problem.hypothesis.change} {fall}; --map says it otherwise"
-    )
-    return _as_read(asked.robot, reading, f"so read, {fall}")
+    if found.likeliest is not None:
+        report.doubts.append(
+            f"{table}: {found.likeliest.warning}, or an effect of the arm looks so: inspector diagnose weighs them"
+        )
+    if misfits[0] > AGREES * scale_mm:
+        stood = [
+            f"; if column {name} names where the instrument, or a plate, stood, say so by --map '{name}=setup'"
+            for name in placements[:1]
+        ]
+        report.doubts.append(
+            f"{table}: the nominal arm misses the points by {misfits[0]:.3g} mm rms, and they spread by "
+            f"{sample.spread_mm:.3g} mm: they may be of another robot, or in another order; no sign, order, zero "
+            f"or sum of the joints explains it{''.join(stood)}"
+        )
+    return as_it_is
+
+
+def _fall(now_mm: float, then_mm: float) -> str:
+    return f"the error falls from {now_mm:.3g} to {then_mm:.3g} mm"
 
 
 def _names_tell_units(meant: Recognised) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from calib.array_types import Array
 from calib.dataset_import.columns import words_of
 from calib.rendering import numbers
 from calib.text_files.column_names import ANGLES_RAD, split_unit
-from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import UserTable
 
 _COMMANDED = frozenset({"target", "commanded", "command", "cmd", "desired", "goal", "set", "setpoint", "soll"})
@@ -45,12 +44,11 @@ def _pairs(table: UserTable) -> Iterator[tuple[str, Array, Array]]:
                 named.setdefault(tuple(sorted(words - known)), {})[kind] = name
     for found in named.values():
         if len(found) == 2:
-            unit = split_unit(found["read"])[1]
-            each = [np.array([as_number(cell) or np.nan for cell in table.text(found[key])]) for key in found]
-            scale = np.degrees(ANGLES_RAD.get(unit, ANGLES_RAD["deg"]))
-            values = dict(zip(found, each, strict=True))
-            kept = np.isfinite(each[0]) & np.isfinite(each[1])
-            yield found["read"], values["commanded"][kept] * scale, values["read"][kept] * scale
+            names = (found["commanded"], found["read"])
+            values = np.column_stack([table.numbers(name, lambda _: None) for name in names])
+            scale = np.degrees(ANGLES_RAD.get(split_unit(names[1])[1], ANGLES_RAD["deg"]))
+            commanded, read = scale * values[np.isfinite(values).all(axis=1)].T
+            yield names[1], commanded, read
 
 
 def _told(joint: str, commanded: Array, read: Array) -> str:
@@ -76,19 +74,18 @@ def _told(joint: str, commanded: Array, read: Array) -> str:
 def _laws(commanded: Array, read: Array) -> Iterator[DriveLaw]:
     """Laws of one number each, fitted by least squares."""
     off, at = read - commanded, np.arange(-180.0, 181.0)
-    scale = float(commanded @ read / (commanded @ commanded))
-    yield DriveLaw(f"a scale of {scale:.3g}", _rms(read - scale * commanded), at * (1.0 - 1.0 / scale))
-    yield DriveLaw(f"a zero that is off by {off.mean():.3g} deg", _rms(off - off.mean()), np.full(361, off.mean()))
+
+    def law(words: str, shape: Array, error: Array, target: Array = off) -> DriveLaw:
+        size = float(shape @ target) / max(float(shape @ shape), 1e-12)
+        left_deg = float(np.sqrt(np.sum((target - size * shape) ** 2) / max(len(off) - 1, 1)))
+        return DriveLaw(words.format(size, -size, 2.0 * abs(size)), left_deg, size * error)
+
+    scale = law("a scale of {0:.3g}", commanded, np.ones(361), read)
+    yield replace(scale, error_deg=at * (1.0 - 1.0 / scale.error_deg[0]))
+    yield law("a zero that is off by {0:.3g} deg", np.ones(len(off)), np.ones(361))
     for name, function in (("sin", np.sin), ("cos", np.cos)):
-        lever = function(np.radians(read))
-        droop = float(lever @ off) / max(float(lever @ lever), 1e-12)
-        words = f"a spring against gravity, {-droop:.3g} deg x {name}(angle),"
-        yield DriveLaw(words, _rms(off - droop * lever), droop * function(np.radians(at)))
-    way = np.sign(np.diff(commanded, prepend=commanded[0] - (commanded[1] - commanded[0])))
+        words = f"a spring against gravity, {{1:.3g}} deg x {name}(angle),"
+        yield law(words, function(np.radians(read)), function(np.radians(at)))
+    way = np.sign(np.diff(commanded, prepend=2.0 * commanded[0] - commanded[1]))
     if len(set(way.tolist())) > 1:
-        band = float(way @ off) / max(float(way @ way), 1.0)
-        yield DriveLaw(f"a dead band of {2.0 * abs(band):.3g} deg", _rms(off - band * way), np.full(361, band))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.sum(values**2) / max(len(values) - 1, 1)))
+        yield law("a dead band of {2:.3g} deg", way, np.ones(361))

@@ -34,7 +34,7 @@ def plan_of_flange_poses(sources: ImportSources, path: Path) -> ImportPlan:
     """
     table = load_table(path, any_encoding=True)
     readings = readings_of(table)
-    name = sources.robots[0].robot.robot.name if sources.robots else "poses of the flange"
+    name = sources.arm.name if sources.arm is not None else "poses of the flange"
     plans = [_planned(sources, table, one, cartesian_arm(name)) for one in readings]
     datasets = [plan.preview for plan in plans if plan.preview is not None]
     if len(datasets) < len(plans):

@@ -25,6 +25,7 @@ CARTESIAN_JOINTS = ("q1_mm", "q2_mm", "q3_mm", "q4_deg", "q5_deg", "q6_deg")
 _CLEAR = 3.0  # ratio of misfits from which one reading is clearly the right one
 _SAME_MM = 1e-3  # readings whose poses differ by less, 3D and over this many mm of a lever, are one
 _LEVER_MM = 1000.0
+_EULER = {FIXED: "xyz", ZYX: "ZYX", XYZ: "XYZ", ZYZ: "ZYZ"}  # as SciPy calls them
 _REACH_M = 20.0  # places below are metres where no unit is told
 
 
@@ -176,11 +177,8 @@ def _of_matrices(numbers: Array, used: tuple[str, ...]) -> list[FlangePoses]:
 
 def _rotations(form: str, angles_rad: Array) -> Array:
     """Rotations (N, 3, 3) of three angles (N, 3) each, or of rotation vectors."""
+    from scipy.spatial.transform import Rotation
+
     if form == VECTOR:
         return frames.rotation_from_rotvec(angles_rad)
-    axes = {FIXED: "zyx", ZYX: "zyx", XYZ: "xyz", ZYZ: "zyz"}[form]
-    angles_rad = angles_rad[:, ::-1] if form == FIXED else angles_rad
-    first, second, third = (
-        frames.rotation_from_rotvec(angles_rad[:, [k]] * np.eye(3)["xyz".index(axis)]) for k, axis in enumerate(axes)
-    )
-    return np.asarray(first @ second @ third)
+    return np.asarray(Rotation.from_euler(_EULER[form], angles_rad).as_matrix())

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
-from calib.dataset_import.columns import Meaning
 from calib.dataset_import.flange_import import plan_of_flange_poses
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.user_files import BOTH, POINTS, UserFiles, is_workbook, look_through, of_workbook
 from calib.dataset_import.writing import written
 from calib.errors import CalibError, DatasetError
-from calib.kinematics.robot import Robot
 from calib.progress import OnProgress
 from calib.robot_formats.conventions import RobotReading, robot_readings
-from calib.robot_formats.robot_file import RobotFile
 
 
 def plan_of_files(files: UserFiles, choice: ImportSources, on_progress: OnProgress | None = None) -> ImportPlan:
@@ -90,37 +87,10 @@ def without_folder(plan: ImportPlan, folder: Path) -> ImportPlan:
     return replace(plan, notes=short(plan.notes), doubts=short(plan.doubts), faults=short(plan.faults), bad_rows=rows)
 
 
-@dataclass(frozen=True)
-class Imported:
-    """The written dataset, with notes on what was recognised and on what is doubtful."""
-
-    dataset: Dataset
-    notes: tuple[str, ...]
-    doubts: tuple[str, ...] = ()
-
-
-def import_dataset(
-    out: Path,
-    robot: Robot,
-    joints: Path,
-    points: Path | None = None,
-    scans: Path | None = None,
-    mapping: Mapping[str, Meaning] | None = None,
-) -> Imported:
-    """Write a dataset folder from a robot and a user's tables; without `points`, the joints' table or scans have them.
-
-    Raises DatasetError with all faults, a line each, and then writes nothing.
-    """
-    require_free(out)
-    robots = (RobotReading("", RobotFile(robot, None)),)
-    found = {} if scans is None else scan_files(scans)
-    return write_plan(plan_import(ImportSources(robots, joints, points, found, dict(mapping or {}))), out)
-
-
-def write_plan(plan: ImportPlan, out: Path) -> Imported:
+def write_plan(plan: ImportPlan, out: Path) -> Dataset:
     """Write the dataset of a plan. Raises DatasetError with all faults and then writes nothing."""
     require_free(out)
-    return Imported(written(out, plan.require()), plan.notes, plan.doubts)
+    return written(out, plan.require())
 
 
 def copy_dataset(folder: Path, out: Path) -> Dataset:

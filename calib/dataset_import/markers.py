@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.consistency.agreement import Sample, misfit_mm, nominal_places
-from calib.dataset_import.columns import AS_MAPPED, Column, Recognised, marker_columns
+from calib.dataset_import.columns import AS_MAPPED, Column, Markers, Recognised, marker_columns
 from calib.dataset_import.reading import ImportReport, MeantTable, coordinates
 from calib.errors import visible
 from calib.frames import apply, best_fit_transform, invert
@@ -23,8 +23,7 @@ from calib.kinematics.robot import TOOL_POINT, Robot, Target
 from calib.kinematics.tool_point import tool_point_of, with_own_tool_point
 from calib.robot_formats.chain.five_parameters import vector
 from calib.statistics import group_numbers, rms_length
-from calib.text_files.column_names import LENGTHS_MM, split_unit
-from calib.text_files.csv_text import as_number
+from calib.text_files.column_names import split_unit
 from calib.text_files.user_table import UserTable
 
 STANDS_STILL = 0.02  # of the widest point's spread, below which a point is not on the arm
@@ -32,12 +31,13 @@ _SAME = 2e-3  # of the spread, up to which two columns hold one point that was m
 _FEWEST = 8  # poses, by which the places of further targets are found
 _FIXED = 5.0  # times the misfit of the tool's point, up to which a target's place scatters on the link that carries it
 _FIXED_MM = 2.0
+_CLEARLY = 0.5  # of the scatter on a later link, below which an earlier one carries a target
 _COMPUTED_MM = 5e-3  # rms to the nominal arm, below which no measured point is
 _LEAST_TOLERANCE_MM = 5.0
 _NAMED = 8
 
 
-def beside_each_other(meant: Recognised, names: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+def beside_each_other(meant: Recognised, names: Sequence[str]) -> Markers:
     """Columns x, y, z of each marker of a table with several in a row; {} where there is one, or --map names it."""
     found = marker_columns(names)
     chosen = tuple(meant.columns[axis].name for axis in "xyz" if axis in meant.columns)
@@ -48,25 +48,21 @@ def beside_each_other(meant: Recognised, names: Sequence[str]) -> dict[str, tupl
 def in_rows(
     report: ImportReport,
     table: UserTable,
-    markers: dict[str, tuple[str, str, str]],
+    markers: Markers,
     poses: Sequence[str],
 ) -> MeantTable:
     """Table with a row for each marker of a pose in place of columns.
 
     poses  # name of each row's pose
     """  # fmt: skip
-    units = {label: {split_unit(name)[1] for name in columns} for label, columns in markers.items()}
-    is_mixed = len(set.union(*units.values())) > 1
-    if is_mixed and any(len(each) > 1 or not each <= LENGTHS_MM.keys() for each in units.values()):
-        report.fault(f"{table.path}: line 1: not all of its markers' columns have a unit; name it for all or for none")
-        is_mixed = False
-    unit = "mm" if is_mixed else next(iter(set.union(*units.values())))
+    units = {split_unit(name)[1] for columns in markers.values() for name in columns}
+    if len(units) > 1:
+        report.fault(f"{table.path}: line 1: its markers' columns have different units; give all of them in one")
+    unit = min(units)
     rows, lines = [], []
     for i, pose in enumerate(poses):
         for label, columns in markers.items():
             cells = tuple(table.rows[i][table.columns.index(name)] for name in columns)
-            if is_mixed:
-                cells = tuple(_in_mm(cell, LENGTHS_MM[next(iter(units[label]))]) for cell in cells)
             if any(cells):
                 rows.append((pose, f"marker{label}" if label.isdigit() else label, *cells))
                 lines.append(table.lines[i])
@@ -77,11 +73,6 @@ def in_rows(
     path = table.path.with_name(f"{table.path.name} (points)")
     made = UserTable(path, names, tuple(rows), tuple(lines), has_header=True)
     return MeantTable(made, Recognised(meant, (), ()))
-
-
-def _in_mm(cell: str, unit_mm: float) -> str:
-    value = as_number(cell)
-    return cell if value is None else repr(unit_mm * value)
 
 
 def with_tool_named(report: ImportReport, points: MeantTable, robot: Robot) -> tuple[MeantTable, list[int]]:
@@ -222,12 +213,12 @@ def _on_link(robot: Robot, q: Array, in_base_mm: Array, *, last: bool = False) -
     """Scatter, place (3,) and joint of the link on which points (N, 3) scatter least; None for the last link."""
     chain = nominal_chain(robot, q)
     best: tuple[float, Array, int | None] = (np.inf, np.zeros(3), None)
-    for k in range(robot.n_joints, robot.n_joints - 1 if last else 0, -1):
+    for k in [robot.n_joints] if last else range(robot.n_joints, 0, -1):
         frame = chain.base_T_frame[:, k]
         local = np.einsum("nji,nj->ni", frame[:, :3, :3], in_base_mm - frame[:, :3, 3])
         place = np.median(local, axis=0)
         scatter = rms_length(local - place)
-        if scatter < (1.0 if best[2] is None and not np.isfinite(best[0]) else 0.5) * best[0]:
+        if scatter < _CLEARLY * best[0]:
             best = (scatter, place, None if k == robot.n_joints else k)
     return best
 

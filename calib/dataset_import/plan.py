@@ -25,6 +25,7 @@ from calib.dataset_import.pose_names import files_of_rows, matched
 from calib.dataset_import.questions import (
     Question,
     edge_question,
+    end_of,
     noise_question,
     tool_questions,
     unit_question,
@@ -54,6 +55,7 @@ from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.units import joint_units, length_unit
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
 from calib.errors import CalibError, DatasetError
+from calib.kinematics.robot import Robot
 from calib.plugins import contributions, load
 from calib.progress import OnProgress
 from calib.rendering import numbers
@@ -110,6 +112,11 @@ class ImportSources:
     doubts: tuple[str, ...] = ()
     joint_unit_is_unknown: bool = False  # whatever their size: they may be no angles at all
 
+    @property
+    def arm(self) -> Robot | None:
+        """Robot in the first convention; None where there is none yet."""
+        return self.robots[0].robot.robot if self.robots else None
+
 
 @dataclass(frozen=True)
 class PlannedColumn:
@@ -136,14 +143,9 @@ class ImportPlan:
     preview: Dataset | None = None  # the dataset that comes out; None where there are faults
     bad_rows: tuple[RowFault, ...] = ()  # rows that cannot be read, each with its first fault
     are_left_out: bool = False  # whether the dataset comes out without the bad rows
-    has_too_many_bad_rows: bool = False
+    can_leave_out: bool = False  # whether they can be, and are not yet
     left_out: tuple[LeftOutRow, ...] = ()  # rows of points that belong to no pose
     asked: tuple[Question, ...] = ()  # what no file tells
-
-    @property
-    def can_leave_out(self) -> bool:
-        """Whether there are bad rows that can be left out, and are not yet."""
-        return bool(self.bad_rows) and not self.are_left_out and not self.has_too_many_bad_rows
 
     def require(self) -> Content:
         """Content to write. Raises DatasetError with all faults, a line each."""
@@ -163,18 +165,17 @@ def plan_import(sources: ImportSources) -> ImportPlan:
     if sources.tool_mm is not None:
         robots = [replace(each, robot=with_tool_offset(each.robot, sources.tool_mm)) for each in sources.robots]
         sources = replace(sources, robots=tuple(robots))
+    planning = _Planning(sources)
     of_form = None if sources.tables else _form_of(sources)
     if of_form is not None:
-        planning = _Planning(sources)
         if not sources.robots:
             planning.report.faults += [] if sources.faults else [_NO_ROBOT]
             return planning.plan()
         try:
             sources = load(of_form.tables)(sources)
         except DatasetError as error:
-            planning.report.fault(str(error))
-            return planning.plan()
-    planning = _Planning(sources)
+            return planning.failed(error)
+        planning = _Planning(sources)
     plan = planning.of_rows()
     if plan.content is None and sources.points is None and sources.measured is None:
         read = [f"{each.path}: {line}" for each in _tables_with_rows(sources) for line in drives_in_words(each)]
@@ -185,7 +186,7 @@ def plan_import(sources: ImportSources) -> ImportPlan:
     too_many = too_many_bad_rows(_tables_with_rows(sources), bad)
     if too_many or not sources.skip_bad_rows:
         faults = (*(too_many if sources.skip_bad_rows else ()), *plan.faults)
-        return replace(plan, faults=faults, bad_rows=tuple(bad), has_too_many_bad_rows=bool(too_many))
+        return replace(plan, faults=faults, bad_rows=tuple(bad), can_leave_out=not too_many)
     return replace(_Planning(sources, bad).of_rows(), bad_rows=tuple(bad), are_left_out=True)
 
 
@@ -200,10 +201,9 @@ def _tool_note(sources: ImportSources) -> list[str]:
     """Note on where the measured point is taken to be, if the user has given it."""
     if sources.tool_mm is None or not sources.robots:
         return []
-    chain = sources.robots[0].robot.chain
-    end = "the flange's frame" if chain is None or not chain.tip else chain.tip
     x, y, z = sources.tool_mm
-    return [f"{sources.robots[0].robot.robot.name}: the measured point is at {x:g}, {y:g}, {z:g} mm in {end}, as given"]
+    file = sources.robots[0].robot
+    return [f"{file.robot.name}: the measured point is at {x:g}, {y:g}, {z:g} mm in {end_of(file)}, as given"]
 
 
 def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
@@ -249,9 +249,8 @@ class _Planning:
     """
 
     def __init__(self, sources: ImportSources, bad: Sequence[RowFault] = ()) -> None:
-        robot = sources.robots[0].robot.robot if sources.robots else None
         self.sources, self.bad = sources, bad  # rows to leave out
-        self.report = ImportReport(robot, list(sources.faults), list(sources.notes), list(sources.doubts))
+        self.report = ImportReport(sources.arm, list(sources.faults), list(sources.notes), list(sources.doubts))
         self.report.notes += [*_tool_note(sources), *_measured_notes(sources)]
         self.joints: MeantTable | None = None
         self.points: MeantTable | None = None
@@ -271,6 +270,11 @@ class _Planning:
             content, 0 if self.joints is None else len(self.joints.table), preview, left_out=tuple(report.left_out),
             asked=tuple(self.asked),
         )  # fmt: skip
+
+    def failed(self, error: CalibError) -> ImportPlan:
+        """Plan with what was found so far, and an error as a fault."""
+        self.report.fault(str(error))
+        return self.plan()
 
     def of_rows(self) -> ImportPlan:
         """Plan of the import without the rows that are left out."""
@@ -314,7 +318,10 @@ class _Planning:
             self.points, self.row_of = rows_of_points(report, self.joints, self.ids, self.points)
         if report.robot is not None and (wants_points or self.points is not None):
             self._name_targets()
-        plan = self._of_numbers()
+        try:
+            plan = self._of_numbers()
+        except CalibError as error:
+            plan = self.failed(error)
         path = sources.points or table.path  # the file has its markers in the rows of the joints
         made = None if self.points is None or self.points.path.exists() else self.points.path
         report.faults = [
@@ -419,11 +426,10 @@ class _Planning:
         near = None if seen is None else point_of_each_pose(len(q_file), seen, self.row_of)
         units, how = joint_units(report.robot, q_file, [column.unit for column in columns], near)
         if len(q_file) > 1 and not np.ptp(q_file, axis=0).any():
-            report.fault(
+            raise DatasetError(
                 f"{joints.path}: the joints are the same in all {len(q_file)} rows: nothing can be learned from them; "
                 "log them anew at each measurement"
             )
-            return self.plan()
         report.notes.append(
             f"{joints.path}: joints are {', '.join(column.name for column in columns)}"
             + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")
@@ -432,11 +438,7 @@ class _Planning:
         points = self.points or joints
         scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
         commanded = q_file * scale
-        try:
-            told = [with_told_commands(each, joints.meant, scale) for each in sources.robots]
-        except DatasetError as error:
-            report.fault(str(error))
-            return self.plan()
+        told = [with_told_commands(each, joints.meant, scale) for each in sources.robots]
         q = told[0].robot.robot.joints_of(commanded)
         if not sources.tables:
             require_poses(report, joints, q)
@@ -478,16 +480,12 @@ class _Planning:
         if self.points is not None and self.points.meant.rest:
             report.notes.append(f"{points.path}: other columns are left out: {', '.join(self.points.meant.rest)}")
         if sheet is not None and self.points is None and has_flange_poses(joints.table):
-            self._doubt_computed(sheet, q)
-        self._compare_with_controller(q)
+            self._doubt_computed(joints.table, sheet, q)
+        self._compare_with_controller(joints.table, report.robot, q)
         if by_plugin is not None and not report.faults:
-            try:
-                by_plugin = by_plugin.settled(report.robot, self.ids, q, setups)
-                report.notes += by_plugin.notes[len(_measured_notes(sources)) :]
-                report.doubts += by_plugin.doubts
-            except CalibError as error:
-                report.fault(str(error))
-                return self.plan()
+            by_plugin = by_plugin.settled(report.robot, self.ids, q, setups)
+            report.notes += by_plugin.notes[len(_measured_notes(sources)) :]
+            report.doubts += by_plugin.doubts
         measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
         if points.length is not None:
             measured = np.isin(np.arange(len(self.ids)), self.row_of)
@@ -533,41 +531,39 @@ class _Planning:
         try:
             preview = checked(content)
         except DatasetError as error:
-            report.fault(f"{sources.joints}: {error}")
-            return self.plan()
+            raise DatasetError(f"{sources.joints}: {error}") from None
         if points_csv is not None and by_plugin is None and sources.point_sigma_mm is None:
             self.asked.insert(0, noise_question(preview))
         return self.plan(content, preview)
 
-    def _doubt_computed(self, sheet: Sheet, q: Array) -> None:
-        """Doubt points that the robot's table gives, too: a controller's own, computed from the joints."""
-        assert self.joints is not None
+    def _off_table_mm(self, q: Array, places_mm: Array) -> float | None:
+        """How far places (N, 3) are from those of the robot's table, rms; None where that cannot be told."""
         assert self.report.robot is not None
-        known = np.isfinite(sheet.points_mm).all(axis=1) & np.isfinite(q).all(axis=1)
-        off_mm = table_disagreement_mm(self.report.robot, q[known], sheet.points_mm[known])
+        known = np.isfinite(places_mm).all(axis=1) & np.isfinite(q).all(axis=1)
+        return table_disagreement_mm(self.report.robot, q[known], places_mm[known]) if known.any() else None
+
+    def _doubt_computed(self, table: UserTable, sheet: Sheet, q: Array) -> None:
+        """Doubt points that the robot's table gives, too: a controller's own, computed from the joints."""
+        off_mm = self._off_table_mm(q, sheet.points_mm)
         if off_mm is not None and off_mm < _COMPUTED_MM:
             self.report.doubts.append(
-                f"{self.joints.path}: its points agree with the robot's table to {off_mm:.1g} mm, and turns stand "
+                f"{table.path}: its points agree with the robot's table to {off_mm:.1g} mm, and turns stand "
                 "beside them: they are the pose that the controller computes from the joints and measure nothing; give "
                 "measured ones by --points FILE"
             )
 
-    def _compare_with_controller(self, q: Array) -> None:
+    def _compare_with_controller(self, table: UserTable, robot: Robot, q: Array) -> None:
         """Note, or doubt, on whether the poses that the controller wrote down are those of the robot's table."""
-        assert self.joints is not None
-        table, robot = self.joints.table, self.report.robot
         by_base = {split_unit(name)[0]: name for name in table.columns}
-        found = own_pose_columns(list(by_base))
-        if found is None or robot is None:
+        names = [by_base[base] for base in own_pose_columns(list(by_base)) or ()]
+        if not names:
             return
-        names = [by_base[base] for base in found]
         places = np.column_stack([table.numbers(name, lambda _: None) for name in names])
-        known = np.isfinite(places).all(axis=1) & np.isfinite(q).all(axis=1)
-        if not known.any():
+        if not np.isfinite(places).all(axis=1).any():
             return
         unit = split_unit(names[0])[1]
-        unit = unit if unit in LENGTHS_MM else length_unit(robot, q[known], places[known])[0]
-        off_mm = table_disagreement_mm(robot, q[known], places[known] * LENGTHS_MM[unit])
+        unit = unit if unit in LENGTHS_MM else length_unit(robot, q, places)[0]
+        off_mm = self._off_table_mm(q, places * LENGTHS_MM[unit])
         if off_mm is not None:
             agrees, sentence = agreement_note(f"{table.path}: {names[0]} ...", off_mm)
             (self.report.notes if agrees else self.report.doubts).append(sentence)

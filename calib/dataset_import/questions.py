@@ -53,6 +53,15 @@ def tool_found_mm(robot: Robot, sample: Sample) -> tuple[Array, float] | None:
     return np.median(np.einsum("nji,nj->ni", end[:, :3, :3], base_mm - end[:, :3, 3]), axis=0), misfit_mm
 
 
+def _reach_mm(robot: Robot, sample: Sample | None) -> tuple[Array, bool]:
+    """Measured point in the last joint's frame, and whether the points have it elsewhere than the robot's file."""
+    reach_mm = np.asarray(tool_point_of(robot))
+    found = None if sample is None else tool_found_mm(robot, sample)
+    if found is None or np.linalg.norm(found[0] - reach_mm) <= max(_NEAR_MM, 2.0 * found[1]):
+        return reach_mm, False
+    return found[0], True
+
+
 def tool_questions(
     file: RobotFile, sample: Sample | None, told_mm: Vector | None, payload_kg: Sequence[float] | None
 ) -> list[Question]:
@@ -61,27 +70,27 @@ def tool_questions(
     told_mm: the measured point as the user gave it; payload_kg: of each pose.
     """
     robot, out = file.robot, []
-    reach_mm = tool_point_of(robot)
-    found = None if sample is None or told_mm is not None else tool_found_mm(robot, sample)
-    if found is not None and np.linalg.norm(found[0] - reach_mm) > max(_NEAR_MM, 2.0 * found[1]):
-        reach_mm = found[0]
+    reach_mm, is_elsewhere = _reach_mm(robot, None if told_mm is not None else sample)
+    if is_elsewhere:
         place = apply(tip_T_last(robot) if file.chain is not None else invert(robot.flange.transform), reach_mm)
         guess = ",".join(f"{value + 0.0:.1f}" for value in place)
-        end = file.chain.tip if file.chain is not None and file.chain.tip else "the flange's frame"
-        out.append(Question(f"the measured point in {end}, mm", f"{guess} by the nominal arm", f"--tool={guess}"))
+        what = f"the measured point in {end_of(file)}, mm"
+        out.append(Question(what, f"{guess} by the nominal arm", f"--tool={guess}"))
     told = tells_tool_mass(robot, None if payload_kg is None else np.asarray(payload_kg))
     if has_masses(robot) and not told and np.linalg.norm(reach_mm) > HEAVY_FROM_MM:
         out.append(Question("mass of the tool, kg", "nothing, which no compliance will do without", "--tool-mass KG"))
     return out
 
 
+def end_of(file: RobotFile) -> str:
+    """Name of the frame at which a robot's file ends."""
+    return file.chain.tip if file.chain is not None and file.chain.tip else "the flange's frame"
+
+
 def with_tool_mass(file: RobotFile, sample: Sample | None, mass_kg: float) -> RobotFile:
     """Robot whose tool has a mass, its centre half way to the measured point, where the points have it or the file."""
-    found = None if sample is None else tool_found_mm(file.robot, sample)
-    reach_mm = tool_point_of(file.robot)
-    if found is not None and np.linalg.norm(found[0] - reach_mm) > max(_NEAR_MM, 2.0 * found[1]):
-        reach_mm = found[0]
-    tool = replace(file.robot.tool, mass_kg=mass_kg, com_mm=vector(np.round(0.5 * reach_mm, 1)))
+    centre_mm = np.round(0.5 * _reach_mm(file.robot, sample)[0], 1)
+    tool = replace(file.robot.tool, mass_kg=mass_kg, com_mm=vector(centre_mm))
     return replace(file, robot=replace(file.robot, tool=tool))
 
 

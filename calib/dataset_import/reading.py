@@ -71,6 +71,12 @@ class ImportReport:
         """Add a fault."""
         self.faults.append(message)
 
+    def leave_out(self, table: UserTable, rows: Sequence[int], names: Sequence[str], why: str) -> str:
+        """Add rows that are left out; their names in short."""
+        pairs = zip(rows, names, strict=True)
+        self.left_out += [LeftOutRow(table.path.name, table.lines[i], name, why) for i, name in pairs]
+        return numbers.in_short([name[:40] or "one without a name" for name in names], _MOST_PLACES)
+
     @property
     def row_faults(self) -> list[RowFault]:
         """Faults that concern single rows, each row's first."""
@@ -143,65 +149,71 @@ def recognised(
     report: ImportReport, table: UserTable, mapping: Mapping[str, Meaning], *, positions: bool, joints: bool = True
 ) -> MeantTable:
     """Table with recognised columns; missing ones are reported as faults."""
-    robot, by_place = report.robot, None
-    if not table.has_header and robot is not None:
-        wanted = [f"q{k + 1}" for k in range(robot.n_joints)] if joints else []
-        for extra in ([], ["x", "y", "z"]) if joints else (["x", "y", "z"],):
-            for first in ([], ["pose"]):
-                if len(table.columns) == len(first + wanted + extra):
-                    meanings = first + wanted + extra
-                    if joints and extra and _has_points_first(table, len(first)):
-                        meanings = first + extra + wanted
-                    by_place = dict(zip(table.columns, meanings, strict=True))
-                    report.notes.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
-        of_numbers = [n for n in table.columns if all(as_number(cell) is not None for cell in table.text(n) if cell)]
-        if by_place is None and not joints and len(of_numbers) == 3 < len(table.columns):
-            by_place = dict(zip(of_numbers, "xyz", strict=True))
-            report.notes.append(f"{table.path}: has no header; its columns of numbers are taken for x, y, z")
+    robot = report.robot
+    by_place = None if table.has_header or robot is None else _by_place(report, table, robot.n_joints if joints else 0)
     unnamed = table.columns[0]
     if table.has_header and unnamed == "column 1":
         cells = table.text(unnamed)
         by_place = {unnamed: "pose"} if all(cells) and len(set(cells)) == len(cells) else None
     moving = moving_joints(table, robot) if joints and robot is not None and not mapping else []
-    if moving and robot is not None:
+    if moving:
         by_place = {name: f"q{k + 1}" for k, name in enumerate(moving)}
         report.notes.append(
-            f"{table.path}: the {robot.n_joints} joints are {', '.join(moving)}: the other columns of joints stand "
-            "still or follow these in all rows"
+            f"{table.path}: the {len(moving)} joints are {', '.join(moving)}: the other columns of joints stand still "
+            "or follow these in all rows"
         )
     found = recognise(table.columns, robot, mapping, by_place)
-    for words in found.faults:
-        report.fault(f"{table.path}: line 1: {words}")
     have = ", ".join(table.columns[:30])
+    wrong = list(found.faults)
     if joints and robot is not None and not found.faults:
-        missing = [f"q{k + 1}" for k in range(robot.n_joints) if f"q{k + 1}" not in found.columns]
-        if len(missing) == robot.n_joints and has_flange_poses(table):
-            report.fault(
-                f"{table.path}: line 1: its columns are Cartesian poses ({have}), and the joints' values are needed: "
-                "poses do not tell by which of several ways the arm reached them, nor what its table made of the "
-                "joints; controllers and ROS (/joint_states) log these beside them. Where a camera saw a board at "
-                "them, --images or --marker-poses finds the camera's place without"
+        n = robot.n_joints
+        missing = [f"q{k + 1}" for k in range(n) if f"q{k + 1}" not in found.columns]
+        if len(missing) == n and has_flange_poses(table):
+            wrong.append(
+                f"its columns are Cartesian poses ({have}), and the joints' values are needed: poses do not tell by "
+                "which of several ways the arm reached them, nor what its table made of the joints; controllers and "
+                "ROS (/joint_states) log these beside them. Where a camera saw a board at them, --images or "
+                "--marker-poses finds the camera's place without"
             )
         elif missing and not table.has_header:
-            n = robot.n_joints
-            report.fault(
-                f"{table.path}: line 1: no names stand above its {len(table.columns)} columns; {n} are taken for the "
-                f"joints, {n + 3} for joints and x, y, z, each with the pose's name in front or not; write a line of "
-                "names above them, such as pose,q1,q2"
+            wrong.append(
+                f"no names stand above its {len(table.columns)} columns; {n} are taken for the joints, {n + 3} for "
+                "joints and x, y, z, each with the pose's name in front or not; write a line of names above them, "
+                "such as pose,q1,q2"
             )
         elif missing:
-            report.fault(
-                f"{table.path}: line 1: {robot.n_joints} columns of joints are needed, q1 to q{robot.n_joints} or the "
-                f"joints' names; found {have}; tell with --map {_numbered(table.columns, robot.n_joints)}"
+            wrong.append(
+                f"{n} columns of joints are needed, q1 to q{n} or the joints' names; found {have}; tell with --map "
+                f"{_numbered(table.columns, n)}"
             )
-    if positions and not joints and length_column(found) is None:
-        missing = [axis for axis in "xyz" if axis not in found.columns]
-        if missing:
-            report.fault(
-                f"{table.path}: line 1: no column for {', '.join(missing)}{_several(table)}; found {have}; tell with "
-                "--map column=x"
-            )
+    unfound = [axis for axis in "xyz" if axis not in found.columns]
+    if positions and not joints and length_column(found) is None and unfound:
+        wrong.append(f"no column for {', '.join(unfound)}{_several(table)}; found {have}; tell with --map column=x")
+    report.faults += [f"{table.path}: line 1: {words}" for words in wrong]
     return MeantTable(table, found)
+
+
+def _by_place(report: ImportReport, table: UserTable, n_joints: int) -> dict[str, str] | None:
+    """Meanings of columns without names by their number, the pose's name in front or not; None where it is another.
+
+    n_joints: 0 for a table of points.
+    """
+    joints, point = [f"q{k + 1}" for k in range(n_joints)], ["x", "y", "z"]
+    forms = [
+        [*first, *each] for first in ([], ["pose"]) for each in ((joints, [*joints, *point]) if joints else (point,))
+    ]
+    meanings = next((form for form in forms if len(form) == len(table.columns)), None)
+    columns = table.columns
+    if meanings is None and not joints:
+        columns = tuple(n for n in columns if all(as_number(cell) is not None for cell in table.text(n) if cell))
+        meanings = point if len(columns) == len(point) else None
+    if meanings is None:
+        return None
+    start = meanings.index(joints[0]) if joints else 0
+    if joints and meanings[-1] == "z" and _has_points_first(table, start):
+        meanings = [*meanings[:start], *point, *joints]
+    report.notes.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
+    return dict(zip(columns, meanings, strict=True))
 
 
 def moving_joints(table: UserTable, robot: Robot) -> list[str]:
@@ -254,7 +266,7 @@ def joint_values(report: ImportReport, joints: MeantTable) -> Array | None:
     if report.robot is None:  # its cells are judged all the same
         for meaning, column in columns.items():
             if quantity_of(meaning) == "q":
-                _numbers(report, joints.table, column.name)
+                coordinates(report, joints.table, column.name, may_be_empty=False)
         return None
     names = [f"q{k + 1}" for k in range(report.robot.n_joints)]
     if not all(name in columns for name in names):
@@ -266,7 +278,8 @@ def joint_values(report: ImportReport, joints: MeantTable) -> Array | None:
                 f"{joints.path}: line 1, column {columns[name].name}: {unit} is no unit of joint {k + 1} "
                 f"({joint.name}), which is {joint.type}"
             )
-    return np.column_stack([_numbers(report, joints.table, columns[name].name) for name in names])
+    cells = [coordinates(report, joints.table, columns[name].name, may_be_empty=False) for name in names]
+    return np.column_stack(cells)
 
 
 def point_values(report: ImportReport, points: MeantTable, *, needed: bool) -> Array | None:
@@ -288,21 +301,16 @@ def point_values(report: ImportReport, points: MeantTable, *, needed: bool) -> A
     return found
 
 
-def _numbers(report: ImportReport, table: UserTable, name: str) -> Array:
-    """Numbers of a column; NaN, with a fault, for cells without a number or with one beyond any arm."""
-    values = table.numbers(name, report.fault)
-    for i in np.flatnonzero(np.abs(values) > _MOST):
+def coordinates(report: ImportReport, table: UserTable, name: str, *, may_be_empty: bool = True) -> Array:
+    """Numbers of a column; NaN for an empty cell, a point that was not measured, and for a fault.
+
+    A fault is a cell without a number or with one beyond any arm.
+    """
+    values = table.numbers(name, report.fault, may_be_empty=may_be_empty)
+    beyond = np.abs(values) > _MOST
+    for i in np.flatnonzero(beyond):
         report.fault(table.fault(int(i), f"found {values[i]:g}, which is far too large", name))
-    return np.where(np.abs(values) > _MOST, np.nan, values)
-
-
-def coordinates(report: ImportReport, table: UserTable, name: str) -> Array:
-    """Coordinates of a column; NaN for an empty cell, a point that was not measured."""
-    blank = [not cell for cell in table.text(name)]
-    if not any(blank):
-        return _numbers(report, table, name)
-    filled = replace(table, rows=tuple(tuple(cell or "0" for cell in row) for row in table.rows))
-    return np.where(blank, np.nan, _numbers(report, filled, name))
+    return np.where(beyond, np.nan, values)
 
 
 def pose_ids(report: ImportReport, joints: MeantTable) -> list[str]:
@@ -489,30 +497,23 @@ def rows_of_points(
     names = points.cells("pose")
     found = matched(names, ids)
     strange = [i for i, row in enumerate(found.pose) if row < 0]
-    if not found.count:
+    if 2 * len(strange) > len(table):
+        told = numbers.in_short([repr(names[i][:40]) for i in strange], _MOST_PLACES)
         report.fault(
-            f"{table.path}: column {points.pose}: none of its names ({names[0][:40]!r} ...) is a pose of {joints.path} "
-            f"({ids[0][:40]!r} ...); name the poses alike in both, or leave the column out by --map "
+            f"{table.path}: column {points.pose}: {len(strange)} of {len(table)} names ({told}) are no poses of "
+            f"{joints.path} ({ids[0][:40]!r} ...); name the poses alike in both, or leave the column out by --map "
             f"'{points.pose}=ignore' where the rows are in the same order"
         )
-        return points, none
-    if 2 * len(strange) > len(table):
-        for i in strange:
-            report.fault(
-                f"{table.path}: {table.rows_are} {table.lines[i]}, column {points.pose}: pose {names[i][:40]!r} is "
-                f"not in {joints.path}"
-            )
         return points, list(found.pose)
     if found.how:
         report.notes.append(f"{table.path}: points are matched to the poses of {joints.path.name} {found.how}")
     if strange:
         why = f"its name is no pose of {joints.path.name}"
-        report.left_out += [LeftOutRow(table.path.name, table.lines[i], names[i], why) for i in strange]
-        told = numbers.in_short([names[i][:40] or "one without a name" for i in strange], _MOST_PLACES)
+        told = report.leave_out(table, strange, [names[i] for i in strange], why)
         belong = (
-            f"{len(strange)} points belong to no pose and are"
-            if len(strange) > 1
-            else "1 point belongs to no pose and is"
+            "1 point belongs to no pose and is"
+            if len(strange) == 1
+            else (f"{len(strange)} points belong to no pose and are")
         )
         report.notes.append(f"{table.path}: {belong} left out: {told}")
     kept = [i for i, row in enumerate(found.pose) if row >= 0]

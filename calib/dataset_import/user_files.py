@@ -14,7 +14,7 @@ from calib.errors import CalibError
 from calib.plugins import contributions, load
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.robot_formats.robot_form import forms_of, rank_of
-from calib.text_files.column_names import plain, split_unit
+from calib.text_files.column_names import ANGLES_RAD, plain, split_unit
 from calib.text_files.records import ARRAYS, RECORDS, SPREADSHEETS, sheets
 from calib.text_files.text_file import decoded
 from calib.text_files.user_table import UserTable, load_table, parse_table
@@ -31,6 +31,10 @@ _ROBOT_COLUMNS = ({"theta", "d", "a", "alpha"}, {"wx", "wy", "wz"}, {"x", "y", "
 DATASET, ROBOT, JOINTS, POINTS, BOTH, SCAN, UNUSED = (
     "dataset", "robot", "joints", "points", "joints and points", "scan", "not used",
 )  # fmt: skip
+_WORDS = {  # in the name of a file or its folder
+    JOINTS: ("joint", "pose", "axis", "axes", "q_"), POINTS: ("point", "tracker", "laser", "measure"),
+}  # fmt: skip
+_MANY_ANGLES = 3
 
 
 @dataclass(frozen=True)
@@ -98,12 +102,7 @@ def look_through(folder: Path) -> UserFiles:
     files = [file for path in paths for file in (_sheets(path) if path.suffix.lower() in RECORDS else [_judged(path)])]
     files += [_judged_records(path) for path in sets]
     scans = _scans(files)
-    kinds = dict.fromkeys(scans.values(), SCAN)
-    listed = [
-        UserFile(file.path, kinds[file.path], "a point cloud a pose") if file.path in kinds else file for file in files
-    ]
-    left = [_no_scan(file) if file.kind == SCAN and file.path not in kinds else file for file in listed]
-    return UserFiles(folder, tuple(left), scans)
+    return UserFiles(folder, tuple(_settled(file, scans) for file in files), scans)
 
 
 def _below(folder: Path) -> Iterator[Path]:
@@ -189,17 +188,21 @@ def _sheets(path: Path) -> list[UserFile]:
         return [_judged_records(path)]
     try:
         named = [path.with_name(f"{path.name}#{name}") for name in sheets(path)]
-        return [_judged_table(each, load_table(each, lambda _: None, is_names=_are_names)) for each in named or [path]]
     except CalibError as error:
-        return [UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))]
+        return [_unread(path, error)]
+    return [_judged_records(each) for each in named or [path]]
+
+
+def _unread(path: Path, error: CalibError) -> UserFile:
+    return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
 
 
 def _judged_records(path: Path) -> UserFile:
-    """A file of records, or a pattern of files with one each, as the table that they are."""
+    """A file of records, a sheet, or a pattern of files with one record each, as the table that they are."""
     try:
         found = _judged_table(path, load_table(path, lambda _: None, any_encoding=True, is_names=_are_names))
     except CalibError as error:
-        found = UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
+        found = _unread(path, error)
     is_array = path.suffix.lower() in ARRAYS and found.kind == UNUSED
     return UserFile(path, SCAN, "a point cloud") if is_array else found
 
@@ -219,7 +222,7 @@ def _judged_text(path: Path) -> UserFile:
     try:
         return _judged_table(path, parse_table(path, _head(path), lambda _: None, _are_names))
     except CalibError as error:
-        return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
+        return _unread(path, error)
 
 
 def _are_names(names: Sequence[str]) -> bool:
@@ -243,18 +246,15 @@ def _judged_table(path: Path, table: UserTable) -> UserFile:
     has_points = all(axis in meant.columns for axis in "xyz") or length_column(meant) is not None
     if not has_joints and not has_points:
         has_joints, has_points = _described(table)
-    elif not has_joints:
-        has_joints = end_in_joint(table.columns)
+    has_joints = has_joints or (has_points and end_in_joint(table.columns))
     if has_joints or has_points:
         kind = BOTH if has_joints and has_points else JOINTS if has_joints else POINTS
         return UserFile(path, kind, "by the names of its columns")
-    words = f"{path.stem} {path.parent.name}".lower()
-    if any(word in words for word in ("joint", "pose", "axis", "axes", "q_")):
-        return UserFile(path, JOINTS, "by its own name")
-    if any(word in words for word in ("point", "tracker", "laser", "measure")):
-        return UserFile(path, POINTS, "by its own name")
-    numbers = sum(split_unit(column)[1] in ("deg", "rad") for column in table.columns)
-    if numbers >= 3:
+    name = f"{path.stem} {path.parent.name}".lower()
+    for kind, words in _WORDS.items():
+        if any(word in name for word in words):
+            return UserFile(path, kind, "by its own name")
+    if sum(split_unit(column)[1] in ANGLES_RAD for column in table.columns) >= _MANY_ANGLES:
         return UserFile(path, JOINTS, "by the angles in it")
     return UserFile(path, UNUSED, "has columns neither of joints nor of points")
 
@@ -299,16 +299,16 @@ def _scans(files: list[UserFile]) -> dict[str, Path]:
     if not clouds or (len(clouds) == 1 and clouds[0].suffix.lower() == ".npy"):  # an array of points, a row a pose
         return {}
     folder = Counter(path.parent for path in clouds).most_common(1)[0][0]
-    out: dict[str, Path] = {}
-    for path in clouds:
-        if path.parent == folder:
-            out.setdefault(path.stem, path)
-    return out
+    return {path.stem: path for path in reversed(clouds) if path.parent == folder}
 
 
-def _no_scan(file: UserFile) -> UserFile:
-    """File that looked like a scan but belongs to no scans of the dataset, reclassified as points or unused."""
+def _settled(file: UserFile, scans: Mapping[str, Path]) -> UserFile:
+    """File that looks like a scan as one of the dataset's scans, or else as points or unused; any other unchanged."""
     suffix = file.path.suffix.lower()
+    if file.path in scans.values():
+        return UserFile(file.path, SCAN, "a point cloud a pose")
+    if file.kind != SCAN:
+        return file
     if suffix in (*_TABLES, ".npy"):
         return UserFile(file.path, POINTS, "three columns without a header")
     return UserFile(file.path, UNUSED, "a mesh" if suffix in _MESHES else "a scan of another folder")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calib import frames
 from calib.array_types import Array
@@ -63,8 +64,8 @@ class FrameDifference:
     @property
     def quarter_turn(self) -> tuple[Array, float]:
         """Nearest rotation (3, 3) by whole quarter turns, and how far, rad, the turn is from it."""
-        off = [float(np.linalg.norm(frames.rotvec_from_rotation(whole.T @ self.turn))) for whole in _QUARTERS]
-        return _QUARTERS[int(np.argmin(off))], min(off)
+        off = np.linalg.norm(frames.rotvec_from_rotation(np.swapaxes(_QUARTERS, 1, 2) @ self.turn), axis=1)
+        return _QUARTERS[int(np.argmin(off))], float(off.min())
 
     @property
     def is_quarter_turn(self) -> bool:
@@ -81,12 +82,7 @@ class FramesTold:
     difference: FrameDifference | None = None
 
 
-_QUARTERS = [
-    turn
-    for order in permutations(range(3))
-    for signs in product((1.0, -1.0), repeat=3)
-    if np.linalg.det(turn := np.diag(signs)[list(order)]) > 0.0
-]
+_QUARTERS = Rotation.create_group("O").as_matrix()  # (24, 3, 3) by quarter turns about the axes
 
 
 def frames_told(

@@ -106,8 +106,7 @@ def _condition(report: ImportReport, joints: MeantTable, meaning: str) -> list[s
     """Cells of a condition's column; a fault is reported where one should be a number and is not."""
     cells = joints.cells(meaning)
     if meaning in CONDITIONS:
-        filled = replace(joints.table, rows=tuple(tuple(cell or "0" for cell in row) for row in joints.table.rows))
-        filled.numbers(joints.named(meaning), report.fault)  # an empty cell is for the reader to judge
+        joints.table.numbers(joints.named(meaning), report.fault, may_be_empty=True)  # that is for the reader to judge
     of_joint = joint_input(meaning)
     joint = None if of_joint is None else joints.meant.columns.get(f"q{of_joint[1] + 1}")
     if joint is not None and joint.sign < 0:

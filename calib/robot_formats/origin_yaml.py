@@ -27,7 +27,8 @@ _MOST_BYTES = 1024 * 1024
 _MOST_DEPTH = 20
 _MOST_CHARACTERS = 1000  # of a line
 _LINE = re.compile(r"""(?P<space>[ \t]*)(?P<key>"[^"]*"|'[^']*'|[^\s:#'"{}\[\]&*!|>-][^:#{}\[\]]*?)\s*:(?=\s|$)""")
-_PAIR = re.compile(r"""\s*(?P<key>"[^"]*"|'[^']*'|[^\s:,{}]+)\s*:\s*(?P<value>[^,{}]*)""")
+_PAIR = re.compile(r"""(?P<key>"[^"]*"|'[^']*'|[^\s:,{}]+)\s*:\s*(?P<value>[^,{}]*)""")
+_MAP = re.compile(rf"\{{\s*(?:{_PAIR.pattern.replace('?P<key>', '?:').replace('?P<value>', '?:')}(?:,\s*|(?=\}})))*\}}")
 _OF_JOINT = re.compile(r"joint|link|axis|shoulder|arm|wrist", re.IGNORECASE)
 _COMMENT = re.compile(r"(^|\s)#.*$")
 
@@ -78,17 +79,15 @@ def read_yaml(path: Path) -> YamlFile:
             continue
         if "\t" in match["space"]:
             file.fail(number, "the line is indented by tabs", "indent by spaces")
-        indent, key = len(match["space"]), match["key"].strip("\"'").strip()
+        indent = len(match["space"])
         while open_[-1][0] >= indent:
             open_.pop()
         parent = open_[-1][1]
         if parent.text:
-            file.fail(number, f"{key[:40]!r} is indented below a value", "indent it as its neighbours")
-        if key in parent.children:
-            file.fail(number, f"{key[:40]!r} stands there twice", "remove one")
+            file.fail(number, f"{match['key'][:40]!r} is indented below a value", "indent it as its neighbours")
         rest = line[match.end() :]
         node = _value(file, number, rest.strip(), start + match.end() + len(rest) - len(rest.lstrip()))
-        parent.children[key] = node
+        _add(file, parent, match["key"], node)
         open_.append((indent, node))
         if len(open_) > _MOST_DEPTH:
             file.fail(number, "too many levels", "a kinematics file has three or four")
@@ -101,19 +100,19 @@ def _value(file: YamlFile, line: int, text: str, start: int) -> YamlNode:
         if text[:1] in ("&", "*") or (text[:1] == "!" and not text.startswith(("!degrees", "!radians"))):
             file.fail(line, f"found {text[:40]!r}", "a number or a text is needed")
         return YamlNode(line, text, start)
-    if not text.endswith("}") or text.count("{") > 1:
+    if not _MAP.fullmatch(text):
         file.fail(line, f"found {text[:40]!r}", "give {key: value, ...} on one line")
-    node, at = YamlNode(line), 1
-    while text[at:-1].strip():
-        pair = _PAIR.match(text, at)
-        if pair is None:
-            file.fail(line, f"found {text[at:-1].strip()[:40]!r}", "give {key: value, ...} on one line")
-        key = pair["key"].strip("\"'")
-        if key in node.children:
-            file.fail(line, f"{key[:40]!r} stands there twice", "remove one")
-        node.children[key] = YamlNode(line, pair["value"].strip(), start + pair.start("value"))
-        at = pair.end() + (text[pair.end() : pair.end() + 1] == ",")
+    node = YamlNode(line)
+    for pair in _PAIR.finditer(text):
+        _add(file, node, pair["key"], YamlNode(line, pair["value"].strip(), start + pair.start("value")))
     return node
+
+
+def _add(file: YamlFile, parent: YamlNode, key: str, node: YamlNode) -> None:
+    key = key.strip("\"'").strip()
+    if key in parent.children:
+        file.fail(node.line, f"{key[:40]!r} stands there twice", "remove one")
+    parent.children[key] = node
 
 
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -97,16 +97,18 @@ class UserTable:
             positions=tuple(map(self.position, kept)),
         )
 
-    def numbers(self, column: str, fault: Callable[[Fault], None]) -> Array:
-        """Finite numbers (rows,) of a column; a cell that holds none is reported to `fault` and becomes NaN."""
+    def numbers(self, column: str, fault: Callable[[Fault], None], *, may_be_empty: bool = False) -> Array:
+        """Finite numbers (rows,) of a column; a cell that holds none is reported to `fault` and becomes NaN.
+
+        may_be_empty: whether an empty cell is NaN and no fault.
+        """
         out = np.full(len(self), math.nan)
         for i, cell in enumerate(self.text(column)):
             value = as_number(cell)
-            if value is None:
-                found = f"found {cell[:40]!r}; a number is needed"
-                fault(self.fault(i, found, column))
-            else:
+            if value is not None:
                 out[i] = value
+            elif cell or not may_be_empty:
+                fault(self.fault(i, f"found {cell[:40]!r}; a number is needed", column))
         return out
 
 

@@ -108,7 +108,7 @@ def test_damage_is_told(tmp_path: Path) -> None:
     path.write_bytes(whole.replace(rows[:100], rows[1:101], 1))
     with pytest.raises(DatasetError, match="cannot be read as a zip"):
         unpack(path, tmp_path / "out")
-    assert "lies below a file" in refused_fresh(tmp_path, {"a": b"1", "a/b": b"2"})
+    assert "cannot be unpacked" in refused_fresh(tmp_path, {"a": b"1", "a/b": b"2"})
 
 
 def refused_fresh(folder: Path, files: dict[str, bytes]) -> str:

@@ -75,7 +75,7 @@ def test_the_rest_comes_out_and_the_notes_of_import_and_dataset_name_the_rows(tr
     plan = planned(*tables(tmp_path, truth), skip=True)
     assert plan.faults == ()
     assert plan.are_left_out
-    made = write_plan(plan, tmp_path / "cell").dataset
+    made = write_plan(plan, tmp_path / "cell")
     gone = [3, 7]
     assert made.poses.ids == tuple(f"P{i:02d}" for i in range(COUNT) if i not in gone)
     assert made.poses.q == pytest.approx(np.delete(truth.poses.q, gone, axis=0), abs=1e-8)
@@ -95,7 +95,7 @@ def test_the_rest_comes_out_and_the_notes_of_import_and_dataset_name_the_rows(tr
 
 def test_rows_that_belong_together_by_their_order_are_left_out_together(truth: Dataset, tmp_path: Path) -> None:
     plan = planned(*tables(tmp_path, truth, named=False), skip=True)
-    made = write_plan(plan, tmp_path / "cell").dataset
+    made = write_plan(plan, tmp_path / "cell")
     kept = [i for i in range(COUNT) if i not in (*BAD_JOINTS, BAD_POINT)]
     assert made.poses.ids == tuple(f"p{i + 1}" for i in kept)  # as the rows of the file are counted
     assert made.points.xyz_mm == pytest.approx(truth.points.xyz_mm[kept], abs=1e-5)
@@ -125,7 +125,7 @@ def test_the_preview_is_of_the_dataset_that_is_written(truth: Dataset, tmp_path:
 def test_sigma_and_tool_offset_are_written(truth: Dataset, tmp_path: Path) -> None:
     joints, points = tables(tmp_path, truth, bad=False)
     plan = plan_import(ImportSources(ASKED, joints, points, point_sigma_mm=0.03, tool_mm=(10.0, -5.0, -120.0)))
-    made = write_plan(plan, tmp_path / "cell").dataset
+    made = write_plan(plan, tmp_path / "cell")
     assert made.scanner.point_sigma_mm == 0.03
     assert tool_point_of(made.robot) == pytest.approx([10.0, -5.0, -120.0])
     beyond = plan_import(ImportSources(ASKED, joints, points, point_sigma_mm=1e6))

@@ -13,10 +13,10 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset_import.columns import parsed_mapping, recognise
-from calib.dataset_import.import_dataset import Imported, import_dataset
 from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
 from tests.support.commands import answered, printed
+from tests.support.imported import Imported, import_dataset
 
 ROBOT = builtin_robot("rb5")
 Q = [f"q{k}" for k in range(1, 7)]
@@ -44,50 +44,7 @@ def both(dataset: Dataset, angle: float, length: float) -> np.ndarray:
     return np.hstack([dataset.poses.q * angle, dataset.points.xyz_mm * length])
 
 
-DEG, RAD = 180.0 / np.pi, 1.0
-TABLES: dict[str, tuple[list[str], float, float, str]] = {
-    "our own names": ([*(f"q{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"], DEG, 1.0, ","),
-    "radians and metres by name": (
-        [*(f"J{k} [rad]" for k in range(1, 7)), "X [m]", "Y [m]", "Z [m]"],
-        RAD,
-        1e-3,
-        ",",
-    ),
-    "a German tracker's names": (
-        [*(f"Achse {k} [°]" for k in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]"],
-        DEG,
-        1.0,
-        ";",
-    ),
-    "nothing told, radians and metres": (
-        [*(f"joint_{k}" for k in range(1, 7)), "x", "y", "z"],
-        RAD,
-        1e-3,
-        ",",
-    ),
-    "nothing told, degrees and mm": ([*(f"A{k}" for k in range(1, 7)), "px", "py", "pz"], DEG, 1.0, "\t"),
-    "counted from zero, inches": (
-        [*(f"actual_q_{k}" for k in range(6)), "measured_x", "measured_y", "measured_z"],
-        RAD,
-        1 / 25.4,
-        ",",
-    ),
-    "no header": ([], DEG, 1.0, ","),
-    "spaces": ([*(f"theta{k}_deg" for k in range(1, 7)), "tx_mm", "ty_mm", "tz_mm"], DEG, 1.0, "  "),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", TABLES)
-def test_columns_and_units_are_recognised_and_said(truth: Dataset, tmp_path: Path, name: str) -> None:
-    header, angle, length, separator = TABLES[name]
-    table = write(tmp_path / "log.csv", header, both(truth, angle, length), separator)
-    made = import_dataset(tmp_path / "cell", ROBOT, table)
-    assert made.dataset.poses.q == pytest.approx(truth.poses.q, abs=1e-12)
-    assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm, abs=1e-9)
-    assert any("points are" in line for line in made.notes)
-    if "nothing told" in name:
-        assert any("angles are taken for" in line for line in made.notes)
+RAD = 1.0
 
 
 def test_a_fit_runs_at_once(truth: Dataset, tmp_path: Path) -> None:
@@ -101,28 +58,6 @@ def test_a_fit_runs_at_once(truth: Dataset, tmp_path: Path) -> None:
     assert made.dataset.scanner.point_sigma_mm is None
     assert "times the declared" not in fitted.summary()  # there is none to compare with
     assert "times the declared" in calibrate(truth).summary()
-
-
-def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
-    ids = [str(i) for i in range(1, 33)]
-    joints = write(
-        tmp_path / "joints.csv",
-        ["pose", *Q, "temperature"],
-        np.hstack([truth.poses.q, np.full((32, 1), 21.5)]),
-        first=ids,
-    )
-    order = np.random.default_rng(0).permutation(32)
-    points = write(
-        tmp_path / "points.csv",
-        ["Nr", "x", "y", "z", "quality"],
-        np.hstack([truth.points.xyz_mm[order], np.ones((32, 1))]),
-        first=[f"{i + 1:03d}" for i in order],
-    )
-    made = import_dataset(tmp_path / "cell", ROBOT, joints, points)
-    assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm[order])
-    assert made.dataset.poses.ids == tuple(ids)
-    assert f"{points}: other columns are left out: quality" in made.notes
-    assert made.dataset.poses.temperature_c[0] == 21.5
 
 
 def test_lengths_of_wires_and_signals_are_taken(truth: Dataset, tmp_path: Path) -> None:
@@ -222,7 +157,7 @@ def test_names_are_found_by_their_values_and_nests_belong_to_no_pose(truth: Data
     assert np.allclose(dataset.points.xyz_mm, truth.points.xyz_mm, atol=1e-6)
     strange = write(tmp_path / "strange.csv", ["Point Name", "x", "y", "z"], xyz, first=[f"N{i}" for i in range(33)])
     said = refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, joints, strange))
-    assert "column Point Name: none of its names ('N0' ...) is a pose of" in said
+    assert "column Point Name: 33 of 33 names ('N0'," in said
     rows = write(tmp_path / "rows.csv", ["Row", *Q], np.hstack([number, truth.poses.q]))
     places = write(tmp_path / "places.csv", ["Row", "x", "y", "z"], np.hstack([number, truth.points.xyz_mm]))
     assert not any("visits" in note for note in import_dataset(tmp_path / "c", ROBOT, rows, places).notes)

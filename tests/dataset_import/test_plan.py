@@ -83,7 +83,7 @@ def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
     meanings = {column.name: str(column.meaning) for column in plan.columns}
     wanted = {f"A{k}": f"q{k}_rad" for k in range(1, 7)} | expected
     assert {column: meanings[column] for column in wanted} == wanted
-    made = write_plan(plan, tmp_path / "cell").dataset
+    made = write_plan(plan, tmp_path / "cell")
     assert made.poses.q == pytest.approx(truth.poses.q, abs=1e-7)
     said = [line for line in plan.notes if "the error falls from" in line]
     assert len(said) == bool(expected)
@@ -98,7 +98,7 @@ def test_what_the_user_told_is_not_overruled_but_doubted(truth: Dataset, tmp_pat
     assert plan.faults == ()
     assert len(plan.doubts) == 1
     assert "joint 3 turns the other way than robot.toml says: with A3 negated the error falls from" in plan.doubts[0]
-    assert write_plan(plan, tmp_path / "cell").dataset.poses.q == pytest.approx(q, abs=1e-7)
+    assert write_plan(plan, tmp_path / "cell").poses.q == pytest.approx(q, abs=1e-7)
 
 
 @pytest.mark.slow
@@ -128,7 +128,7 @@ def test_a_told_sum_is_kept_in_robot_toml_and_on_the_way_out(truth: Dataset, tmp
     told = {"A2": meaning_of("-q2_deg+90"), "A3": meaning_of("q3_deg-q2")}
     q[:, 1] = 90.0 - q[:, 1]
     plan = planned(tmp_path, q, points_of(truth), {name: meant for name, meant in told.items() if meant is not None})
-    made = write_plan(plan, tmp_path / "cell").dataset
+    made = write_plan(plan, tmp_path / "cell")
     assert made.poses.q == pytest.approx(truth.poses.q, abs=1e-7)
     assert commands_in_words(made.robot) == (
         "J2 of the table is -J2 + 90 deg of the robot",
@@ -148,7 +148,7 @@ def test_a_mapping_turns_and_moves_a_joint(truth: Dataset, tmp_path: Path) -> No
     assert told == Meaning("q3", "deg", -1.0, 90.0)
     plan = planned(tmp_path, q, points_of(truth), {"A3": told})
     assert plan.doubts == ()
-    assert write_plan(plan, tmp_path / "cell").dataset.poses.q == pytest.approx(truth.poses.q, abs=1e-7)
+    assert write_plan(plan, tmp_path / "cell").poses.q == pytest.approx(truth.poses.q, abs=1e-7)
     assert str(told) == "-q3_deg+90"
 
 
@@ -237,7 +237,7 @@ def test_the_points_tell_the_convention_of_a_table(tmp_path: Path, convention: s
     plan = plan_import(ImportSources(readings, log))
     assert plan.faults == ()
     assert plan.robot.robot == true
-    assert any(f"its table is {convention} Denavit-Hartenberg" in line for line in plan.notes)
+    assert any(f"its table is taken for {convention} Denavit-Hartenberg" in line for line in plan.notes)
     few = table(tmp_path / "few.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(true, q)])[:4])
     (fault,) = plan_import(ImportSources(readings, few)).faults
     assert "give --convention" in fault
@@ -267,7 +267,7 @@ def test_a_robot_toml_whose_rows_are_of_a_modified_table_is_recognised_and_told(
     plan = plan_import(ImportSources(tuple(robot_readings(str(tmp_path / "robot.toml"), ReadOptions())), log))
     assert plan.faults == ()
     assert any("is taken for modified Denavit-Hartenberg (Craig)" in line for line in plan.notes)
-    made = write_plan(plan, tmp_path / "cell").dataset
+    made = write_plan(plan, tmp_path / "cell")
     assert made.robot.n_joints == 6
     assert np.abs(made.robot.table - rows.table).max() > 1.0
 

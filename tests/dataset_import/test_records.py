@@ -14,12 +14,12 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset_import.archive import is_archive
 from calib.dataset_import.columns import recognise
-from calib.dataset_import.import_dataset import import_dataset
 from calib.dataset_import.user_files import BOTH, JOINTS, POINTS, UNUSED, look_through
 from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
 from calib.text_files.user_table import load_table
 from tests.support.commands import printed
+from tests.support.imported import import_dataset
 
 ROBOT = builtin_robot("rb5")
 JOINT_NAMES = [f"Achse {k} [°]" for k in range(1, 7)]

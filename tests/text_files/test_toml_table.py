@@ -6,11 +6,9 @@ import tomllib
 import tracemalloc
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from calib.errors import DatasetError
-from calib.text_files import toml_table
 from calib.text_files.toml_table import TomlTable
 
 LONG = "a" + ".a" * 20_000
@@ -66,33 +64,3 @@ def test_dots_and_brackets_in_texts_comments_and_numbers_do_not_count(tmp_path: 
 def depth(value: object) -> int:
     inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return 1 + max(map(depth, inside), default=-1) if isinstance(value, dict | list) else 0
-
-
-@pytest.mark.thorough
-def test_no_mixture_of_quotes_hides_a_long_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(toml_table, "MOST_PARTS", 3)
-    monkeypatch.setattr(toml_table, "MOST_DEPTH", 2)
-    rng, path = np.random.default_rng(7), tmp_path / "dataset.toml"
-    long = "{" + ".".join("abcdefghijklmnop") + "=1}"
-    values = [
-        '"a"', "'a'", '""', "''", '"""a"b"""', "'''a'''''", '"""a"""""', r'"\\"', r'"\"."', '"#"', "'#'", "1.5", "[]",
-        "{}", long, f"['''x'''', {long.replace('1', repr(''))}]", "[" * 14 + "1" + "]" * 14,
-    ]  # fmt: skip
-    ends = ["\n", "\n", " # '\n", ' # """\n', " # [\n"]
-    parts = ["a", '"b"', "'c'", '""']
-    passed = 0
-    for _ in range(3000):
-        lines = []
-        for k in range(rng.integers(1, 5)):
-            key = ".".join([f"k{k}", *[str(rng.choice(parts))] * int(rng.choice([0, 1, 20]))])
-            lines.append(f"{key} = {rng.choice(values)}{rng.choice(ends)}")
-        text = "".join(lines)
-        data = tomllib.loads(text)
-        path.write_text(text)
-        try:
-            TomlTable.load(path)
-        except DatasetError:
-            continue
-        assert depth(data) <= 3 + 3 * 2, text
-        passed += 1
-    assert passed > 100

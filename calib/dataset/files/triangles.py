@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +21,7 @@ def read_triangles(path: Path) -> tuple[Array, NDArray[np.int64]]:
     import trimesh
 
     try:
-        if path.suffix.lower() == ".dae":  # its bytes alone: a path would lead to its textures
-            mesh = trimesh.load_mesh(BytesIO(path.read_bytes()), file_type="dae", process=False)
-        else:
-            mesh = trimesh.load_mesh(path, process=False)
+        mesh = trimesh.load_mesh(path, process=False)
         mesh = mesh.to_mesh() if isinstance(mesh, trimesh.Scene) else mesh
         corners, triangles = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
     except Exception as error:  # whatever a foreign file makes the reader raise

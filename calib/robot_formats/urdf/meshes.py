@@ -1,7 +1,6 @@
 """Meshes of the links that an arm moves, as a URDF names them, and their files.
 
-A mesh in STL, OBJ or COLLADA is taken, that of <visual> before that of <collision>. COLLADA's unit counts and its up
-axis does not, as in ROS. A mesh's place is one of
+A mesh in STL or OBJ is taken, that of <visual> before that of <collision>. A mesh's place is one of
 
 * `package://NAME/...`: the folder that the user gave for NAME, else the ROS package (a folder with package.xml) of that
   name that holds the robot's file or stands beside that package;
@@ -24,13 +23,10 @@ from calib.array_types import Array
 from calib.dataset.files.triangles import read_triangles, require_few
 from calib.errors import DatasetError
 from calib.frames import apply, make_transform, rotation_from_rpy
-from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.urdf.chain import ArmPath, carried_links
-from calib.robot_formats.urdf.safe_xml import Element, parse_xml, read_bytes
+from calib.robot_formats.urdf.safe_xml import Element
 
 KINDS = (".stl", ".obj")
-_COLLADA = ".dae"
-_SMALLEST_UNIT, _LARGEST_UNIT = 1e-6, 1e3  # m
 _MOST_BYTES = 50 * 1024**2  # of one mesh
 _PACKAGE = "package.xml"
 _PREFIX, _FILE = "package://", "file://"
@@ -123,10 +119,8 @@ def _numbers(text: str, count: int) -> Array:
 
 def _file_of(name: str, robot_file: Path, packages: Packages | None) -> tuple[Path | None, str]:
     """File of a mesh, or None and the reason."""
-    if name.lower().endswith(_COLLADA) and find_spec("collada") is None:
-        return None, f"{name[:80]!r} needs pycollada: pip install 'robot-calibration-inspector[collada]'"
-    if not name.lower().endswith((*KINDS, _COLLADA)):
-        return None, f"{name[:80]!r} is neither STL, OBJ nor COLLADA"
+    if not name.lower().endswith(KINDS):
+        return None, f"{name[:80]!r} is neither STL nor OBJ"
     here = robot_file.resolve().parent
     own = _package_of(here) if packages is not None else None
     if name.startswith(_PREFIX):
@@ -197,30 +191,13 @@ def _stl_of(files: Sequence[MeshFile]) -> tuple[bytes | None, str]:
     parts = []
     for file in files:
         try:
-            unit = _collada_unit(file.path) if file.path.suffix.lower() == _COLLADA else 1.0
             corners, triangles = read_triangles(file.path)
         except DatasetError as error:
             return None, f"{file.path.name}: {error}"
-        except RobotFileError as error:
-            return None, str(error)
-        parts.append(trimesh.Trimesh(apply(file.link_T_mesh, corners * unit * file.scale), triangles, process=False))
+        parts.append(trimesh.Trimesh(apply(file.link_T_mesh, corners * file.scale), triangles, process=False))
     joined = trimesh.util.concatenate(parts)
     try:
         require_few(joined.faces)
     except DatasetError as error:
         return None, str(error)
     return bytes(joined.export(file_type="stl")), ""
-
-
-def _collada_unit(path: Path) -> float:
-    """Unit of a COLLADA file in m, 1 where it tells none. Raises RobotFileError for XML that is not safe to read."""
-    root = parse_xml(path, read_bytes(path)).root
-    asset = root.first("asset")
-    unit = None if asset is None else asset.first("unit")
-    try:
-        value = float("1" if unit is None else unit.attributes.get("meter", "1"))
-    except ValueError:
-        value = 0.0
-    if not _SMALLEST_UNIT <= value <= _LARGEST_UNIT:
-        raise RobotFileError(f"{path.name}: its unit is no length in m, such as <unit meter='0.001'>; export it again")
-    return value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -210,31 +210,29 @@ def _required(file: XmlFile, element: Element, key: str, what: str) -> str:
 
 
 def _number(file: XmlFile, element: Element, key: str, what: str, default: float | None, most: float = _MOST) -> float:
-    text = element.attributes.get(key)
-    if text is None:
-        if default is None:
-            file.fail(element, f"the {what} has no {key}", f'add {key}="..."')
-        return default
-    return _numbers(file, element, key, what, text, 1, most)[0]
+    if default is None:
+        _required(file, element, key, what)
+    return _numbers(file, element, key, what, [default or 0.0], most)[0]
 
 
 def _vector(file: XmlFile, element: Element, key: str, what: str, default: Vector) -> Vector:
-    text = element.attributes.get(key)
-    if text is None:
-        return default
-    x, y, z = _numbers(file, element, key, what, text, 3)
+    x, y, z = _numbers(file, element, key, what, default)
     return (x, y, z)
 
 
 def _numbers(
-    file: XmlFile, element: Element, key: str, what: str, text: str, count: int, most: float = _MOST
-) -> list[float]:
+    file: XmlFile, element: Element, key: str, what: str, default: Sequence[float], most: float = _MOST
+) -> Sequence[float]:
+    """As many numbers of an attribute as it has by default. Raises RobotFileError."""
+    text = element.attributes.get(key)
+    if text is None:
+        return default
     try:
         values = [float(word) for word in text.split()]
     except ValueError:
         values = []
-    if "_" in text or len(values) != count or not all(abs(value) <= most for value in values):
+    if "_" in text or len(values) != len(default) or not all(abs(value) <= most for value in values):
         found = " ".join(text.split())[:60]
-        needed = "a number" if count == 1 else f"{count} numbers"
+        needed = "a number" if len(default) == 1 else f"{len(default)} numbers"
         file.fail(element, f"{key} in the {what} is {found!r}", f"{needed} of at most {most:g} are needed")
     return values

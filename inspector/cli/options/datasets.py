@@ -64,13 +64,6 @@ class SimulateOptions(Output):
     poses: int = option("default 64", 64, parse=values.simulated_pose_count)
     effect: Sequence[str] = several("may be given several times", metavar="NAME")
     scans: bool = flag("cast scans of the jig instead of points")
-    smooth_noise_mm: float | None = option(
-        "of a scan point, along its ray: the error that it shares with its neighbours (default 0.06)",
-        metavar="X",
-        group="noise",
-    )
-    white: bool = flag("scans whose points have an error each for itself, of 0.02 mm", group="noise")
-    correlation_mm: float | None = option("how far the smooth error reaches across the view (default 25)", metavar="L")
     mount: str = option(
         "where the scanner is; on the flange it sees a jig that stands in the room (default room)",
         "room",

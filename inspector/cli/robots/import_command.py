@@ -52,7 +52,7 @@ def run_import(options: ImportOptions) -> int:
         if options.dry_run:
             return _told(options, files, plan)
         try:
-            dataset = write_plan(plan, options.path).dataset
+            dataset = write_plan(plan, options.path)
         except CalibError as error:
             if plan.can_leave_out:
                 raise CalibError(f"{error}\n  {_skip_hint(plan)}") from None

@@ -15,14 +15,10 @@ from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refus
 from calib.errors import DatasetError
 from calib.options import BUILTIN_ROBOTS
 from calib.simulation.measured_dataset import write_simulation
-from calib.simulation.scanner import PLAIN_MODEL, STRUCTURED_LIGHT, ScanModel
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.dataset_commands import show
 from inspector.cli.options.datasets import SimulateOptions
 from inspector.cli.progress import progress
-
-_MOST_SMOOTH_MM = 5.0
-_SHORTEST_WAVE_MM, _LONGEST_WAVE_MM = 1.0, 1000.0
 
 
 def run_simulate(options: SimulateOptions) -> int:
@@ -47,7 +43,6 @@ def run_simulate(options: SimulateOptions) -> int:
         poses=options.poses,
         noise_mm=options.noise_mm,
         scans=options.scans,
-        scan_model=_scan_model(options),
         name=options.path.resolve().name,
         description=f"simulated {robot.name}, seed {options.seed}",
     )
@@ -57,28 +52,6 @@ def run_simulate(options: SimulateOptions) -> int:
     document = {"dataset": str(options.path), "truth": str(truth), "poses": options.poses, "effects": options.effect}
     show(options, document, f"{options.path}: {options.poses} poses of {robot.name}; the truth is in {truth}")
     return 0
-
-
-def _scan_model(options: SimulateOptions) -> ScanModel:
-    """Errors of the simulated scanner as given by the options. Raises DatasetError."""
-    given = [options.smooth_noise_mm is not None, options.correlation_mm is not None, options.white]
-    if any(given) and not options.scans:
-        name = ("--smooth-noise-mm", "--correlation-mm", "--white")[given.index(True)]
-        raise DatasetError(f"{name}: tells of scans; add --scans, or leave it out")
-    if options.white and options.correlation_mm is not None:
-        raise DatasetError("--correlation-mm: white noise reaches no further than its point; leave out --white")
-    size, length = options.smooth_noise_mm, options.correlation_mm
-    if size is not None and size != 0.0 and not LEAST_SIGMA_MM <= size <= _MOST_SMOOTH_MM:
-        raise DatasetError(f"--smooth-noise-mm {size:g}: give 0, or {LEAST_SIGMA_MM:g} to {_MOST_SMOOTH_MM:g} mm")
-    if length is not None and not _SHORTEST_WAVE_MM <= length <= _LONGEST_WAVE_MM:
-        raise DatasetError(f"--correlation-mm {length:g}: give {_SHORTEST_WAVE_MM:g} to {_LONGEST_WAVE_MM:g} mm")
-    if options.white:
-        return PLAIN_MODEL
-    return replace(
-        STRUCTURED_LIGHT,
-        correlated_sigma_mm=STRUCTURED_LIGHT.correlated_sigma_mm if size is None else size,
-        correlation_length_mm=length or STRUCTURED_LIGHT.correlation_length_mm,
-    )
 
 
 @contextmanager

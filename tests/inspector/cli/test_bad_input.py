@@ -51,22 +51,6 @@ def test_simulate_writes_no_dataset_that_cannot_be_read(tmp_path: Path, noise_mm
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--white"], "--white: tells of scans; add --scans"),
-        (["--correlation-mm", "5"], "--correlation-mm: tells of scans; add --scans"),
-        (["--scans", "--smooth-noise-mm", "-1"], "--smooth-noise-mm -1: give 0, or 1e-06 to 5 mm"),
-        (["--scans", "--smooth-noise-mm", "nan"], "--smooth-noise-mm nan: give 0"),
-        (["--scans", "--correlation-mm", "0.5"], "--correlation-mm 0.5: give 1 to 1000 mm"),
-        (["--scans", "--white", "--correlation-mm", "5"], "white noise reaches no further than its point"),
-    ],
-)
-def test_simulated_scans_have_noise_that_can_be(tmp_path: Path, arguments: list[str], says: str) -> None:
-    assert says in refused("simulate", tmp_path / "cell", "--robot", "rb5", *arguments)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
     ("command", "name"),
     [
         (["calibrate", "--out"], "robot.toml"),

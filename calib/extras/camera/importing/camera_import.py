@@ -29,7 +29,7 @@ class CameraImport:
         Where poses of the flange are given in place of joint values, an arm that stands for them comes with them.
         `on_progress` is called with (done, total, file name) after each image.
         """
-        robot = sources.robots[0].robot.robot if sources.robots else None
+        robot = sources.arm
         arm = table_of_arm(self.choice, sources.joints, robot, sources.mapping)
         ids = ids_of(arm.table, sources.mapping, None if arm.readings else robot)
         camera = camera_points(self.choice, arm.table, ids, on_progress)
