@@ -25,8 +25,9 @@ def program_correction_blocks(result: ProgramCorrection) -> list[Block]:
         for move in result.targets
         if move.reached
     ]
-    missed = [(str(move.target.line), move.target.name, move.reason) for move in result.targets if not move.reached]
-    left = [(str(each.line), each.what, each.reason) for each in result.program.left]
+    missed = [(move.target.line, move.target.name, move.reason) for move in result.targets if not move.reached]
+    left = [(each.line, each.what, each.reason) for each in result.program.left]
+    unmoved = [(str(line), what, why) for line, what, why in sorted([*missed, *left])]
     reached = f"{len(moved)} of {numbers.count(len(result.targets), 'target')}"
     return [
         Paragraph(
@@ -34,8 +35,7 @@ def program_correction_blocks(result: ProgramCorrection) -> list[Block]:
         ),
         *(gain_blocks(result.correction) if result.ids else []),
         *([Table(_COLUMNS, moved, left=(1, 2))] if moved else []),
-        *([Table(("line", "not corrected", "why"), missed, left=(1, 2))] if missed else []),
-        *([Table(("line", "left as it is", "why"), left, left=(1, 2))] if left else []),
+        *([Table(("line", "left as it is", "why"), unmoved, left=(1, 2))] if unmoved else []),
         *[Paragraph(f"{numbers.capitalised(note)}.") for note in result.notes],
     ]
 

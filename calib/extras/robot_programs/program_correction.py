@@ -83,6 +83,7 @@ class _Known:
     base_T_work: Array
     reason: str = ""
     posture: str = ""
+    goal: Array | None = None  # (4, 4) base_T_flange of a pose
 
 
 def require_no_conditions(program: Program, needed: Sequence[str], families: Sequence[str]) -> None:
@@ -175,7 +176,7 @@ def _flange_note(nominal: Robot) -> Iterable[str]:
 def _with_joints(program: Program, nominal: Robot, tool: Array | None, work: Array | None) -> list[_Known]:
     """Each target with its joints: as written, or of the nominal arm at its pose, in the program's posture."""
     known: dict[int, _Known] = {}
-    poses: dict[int, _Pose] = {}
+    poses: dict[int, _Known] = {}
     for target in program.targets:
         each = _Known(target, None, frame_of(target.tool, tool), frame_of(target.work, work))
         if target.kind == "joints":
@@ -187,20 +188,21 @@ def _with_joints(program: Program, nominal: Robot, tool: Array | None, work: Arr
         except ValueError as error:
             known[target.place] = replace(each, reason=str(error))
             continue
-        poses[target.place] = _Pose(each, base_T_tool @ frames.invert(each.flange_T_tool))
+        poses[target.place] = replace(each, goal=base_T_tool @ frames.invert(each.flange_T_tool))
     alone = {
         place: Place(
-            pose.base_T_flange,
+            pose.goal,
             pose.target.configuration,
             _written(program, nominal, np.array(pose.target.near)) if pose.target.near else None,
         )
         for place, pose in poses.items()
+        if pose.goal is not None
         if pose.target.near or (pose.target.configuration != NO_CONFIGURATION and not pose.target.keeps_posture)
     }
     for (place, asked), posture in zip(alone.items(), postures_at(nominal, list(alone.values())), strict=True):
         if not posture.several:
             by = BY_CONFIGURATION if asked.near is None else BY_NEAR
-            known[place] = replace(poses.pop(place).known, q=posture.q, reason=posture.reason, posture=by)
+            known[place] = replace(poses.pop(place), q=posture.q, reason=posture.reason, posture=by)
     known |= _Ways(nominal, known, poses).followed()
     return [known[target.place] for target in program.targets]
 
@@ -210,22 +212,10 @@ def _written(program: Program, nominal: Robot, values: Array) -> Array:
     return nominal.joints_of(values if program.language == "URScript" else np.radians(values))
 
 
-@dataclass(frozen=True)
-class _Pose:
-    """A pose whose joints are not known yet, and where the flange then is."""
-
-    known: _Known
-    base_T_flange: Array
-
-    @property
-    def target(self) -> ProgramTarget:
-        return self.known.target
-
-
 class _Ways:
     """Postures of poses that follow from those before them: kept on a linear motion, the nearest after another one."""
 
-    def __init__(self, nominal: Robot, known: Mapping[int, _Known], poses: Mapping[int, _Pose]) -> None:
+    def __init__(self, nominal: Robot, known: Mapping[int, _Known], poses: Mapping[int, _Known]) -> None:
         self._nominal, self._known, self._poses = nominal, known, poses
         self._ends: dict[tuple[bytes, int, bool], Array | None] = {}
 
@@ -243,7 +233,7 @@ class _Ways:
             singular = any(start is not None and start.q is not None for start, _ in self._ways(place, found))
             reason = open_.get(place, _SINGULAR if singular else _NOT_TOLD)
             open_[place] = reason
-        return found | {place: replace(self._poses[place].known, reason=reason) for place, reason in open_.items()}
+        return found | {place: replace(self._poses[place], reason=reason) for place, reason in open_.items()}
 
     def _spread(self, open_: Mapping[int, str]) -> dict[int, _Known]:
         """What is known, and the poses that can be reached from there, each by its first way."""
@@ -256,7 +246,7 @@ class _Ways:
                 for start, q in self._ways(place, found):
                     if q is not None:
                         told = BY_CONFIGURATION if start is None or start.q is None else start.target.name
-                        found[place] = replace(self._poses[place].known, q=q, posture=told)
+                        found[place] = replace(self._poses[place], q=q, posture=told)
                         break
         return found
 
@@ -281,11 +271,11 @@ class _Ways:
         """Joints at a pose by a way to it from joints; None where this does not tell them."""
         key = (b"" if start is None else start.tobytes(), place, is_joint)
         if key not in self._ends:
-            pose = self._poses[place]
-            told = pose.target.configuration
-            end = None if start is None or is_joint else along(self._nominal, start, pose.base_T_flange)
+            goal, told = self._poses[place].goal, self._poses[place].target.configuration
+            assert goal is not None
+            end = None if start is None or is_joint else along(self._nominal, start, goal)
             if end is None and (told != NO_CONFIGURATION or (is_joint and start is not None)):
-                (posture,) = postures_at(self._nominal, [Place(pose.base_T_flange, told, start)])
+                (posture,) = postures_at(self._nominal, [Place(goal, told, start)])
                 end = posture.q
             self._ends[key] = end
         return self._ends[key]
