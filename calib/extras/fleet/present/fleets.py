@@ -45,10 +45,6 @@ Naming = Callable[[str], Span]  # a dataset's path -> what stands for it, such a
 
 
 @presentation.register
-def _fleet(fleet: Fleet) -> Presentation:
-    return fleet_presentation(fleet)
-
-
 def fleet_presentation(fleet: Fleet, name: Naming = str, *more: Section) -> Presentation:
     """Presentation of a fleet, in which `name` stands for a path, with further sections."""
     sections = [
