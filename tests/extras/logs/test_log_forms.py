@@ -59,9 +59,6 @@ LOGS: dict[str, Form] = {
     "RTDE": log(
         ["timestamp " + names("actual_q_{}", "actual_qd_{}").replace(",", " ")], [T, *MOVING.T, *OTHER.T], sep=" "
     ),
-    "measured and external torques": log(
-        ["timestamp," + names("actual_q_{}", "target_q_{}", "measured_tq_{}")], [T, *MOVING.T, *MOVING.T, *OTHER.T]
-    ),
     "libfranka": log(
         ["time, success_rate, " + names("state.q[{}]", "state.q_d[{}]", "state.dq[{}]", "state.tau_J[{}]")],
         [MS, T * 0, *MOVING.T, *MOVING.T, *OTHER.T, *OTHER.T],
