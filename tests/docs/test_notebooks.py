@@ -47,7 +47,7 @@ def test_it_has_ten_cells_and_is_stored_without_outputs() -> None:
     assert [text.splitlines()[0].split(".")[0] for text in told[1:-1]] == [f"## {k}" for k in range(1, 11)]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough  # each build of the documentation runs the cells too, and fails where one does or warns
 def test_every_cell_runs_without_a_warning_and_the_error_falls(shell: Any, tmp_path: Path) -> None:
     for cell in cells("code"):
         with warnings.catch_warnings(), capture.capture_output() as said:

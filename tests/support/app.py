@@ -7,8 +7,10 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import patch
 
 from inspector.app.app import App
+from inspector.app.controllers import ranking
 from inspector.app.serving import serving
 from inspector.session.reopening import Opening
 from tests.support.wire_client import WireClient
@@ -24,12 +26,18 @@ def idle_app(
     saved: Opening | None = None,
     *,
     as_users_see_it: bool = False,
+    ahead: bool = False,
 ) -> Iterator[App]:
     """The app on `folder`, at a port of its own, once everything that it begins with is done.
 
-    `as_users_see_it` is for pictures: otherwise nothing is reflected, and metal is black.
+    `as_users_see_it` is for pictures: otherwise nothing is reflected, and metal is black. `ahead`: the advised model is
+    judged before somebody asks, which takes a second that most tests do not need.
     """
-    with serving(folder, port=0, effects_file=effects_file, saved=saved) as app:
+    most_poses = ranking.AHEAD_POSES if ahead or as_users_see_it else 0
+    with (
+        patch.object(ranking, "AHEAD_POSES", most_poses),
+        serving(folder, port=0, effects_file=effects_file, saved=saved) as app,
+    ):
         if not as_users_see_it:
             without_reflections(app)
         idle(app)

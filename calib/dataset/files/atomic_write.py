@@ -49,7 +49,8 @@ def write_all_atomically(contents: Mapping[Path, str | bytes]) -> None:
                 made[path] = _temporary(path.resolve(), content)  # a link stays a link
         for path, content in data.items():
             if path in made:
-                os.replace(made.pop(path), path.resolve())
+                os.replace(made[path], path.resolve())
+                del made[path]
             else:
                 path.write_bytes(content)
     except BrokenPipeError:

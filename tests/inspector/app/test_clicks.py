@@ -53,18 +53,6 @@ def test_the_keyboard_selects_and_lets_go(page: Any, app: App) -> None:
     joint_selected(page, app, None)
 
 
-def test_a_name_in_a_sentence_selects_its_pose_or_joint(page: Any, app: App) -> None:
-    pose_id = app.state.session.dataset.poses.ids[7]
-    app.worker.submit("say", lambda: app.panels.review.show_problem(f"pose {pose_id}: joint 5 is out of range"))
-    page.locator(f'a[data-value="{pose_id}"]:visible').first.click()
-    selected(page, app, pose_id)
-    page.locator('a[data-ask="joint"][data-value="5"]:visible').first.click()
-    joint_selected(page, app, 5)
-    app.worker.submit("say", lambda: app.panels.review.show_problem(""))
-    page.keyboard.press("Escape")
-    joint_selected(page, app, None)
-
-
 def test_a_step_of_the_history_shows_that_model(page: Any, app: App) -> None:
     open_tab(page, "What is missing")
     history = page.locator(".js-plotly-plot").filter(has_text="each test pose")

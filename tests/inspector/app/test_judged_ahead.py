@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
 
 from inspector.app.app import App
 from inspector.session import transitions as sessions
-from tests.support.app import idle
+from tests.support.app import idle, idle_app
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.thorough
+@pytest.fixture(scope="module")
+def running(folder: Path) -> Iterator[App]:
+    with idle_app(folder, ahead=True) as app:
+        yield app
+
+
 def test_a_verdict_that_was_ready_is_the_one_that_would_be_found(app: App) -> None:
     before = app.state.session
     name = before.advice.effect

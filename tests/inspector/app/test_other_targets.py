@@ -24,7 +24,6 @@ def test_a_scanned_ball_is_told_of(tmp_path: Path) -> None:
     session = with_search(open_session(tmp_path / "cell"), 0)
     view = View(session)
     assert corner_state(view, 0) == "found"
-    assert "Targets" in corner_html(view)
     assert "ø 30.000 mm" in corner_html(view)
     assert NO_PLANES in planes_html(view)
     assert not session.unlabelled

@@ -116,8 +116,7 @@ def test_a_small_effect_is_proportional_to_its_size(name: str, rb5: SimulatedCel
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arm", ["rb5", "panda"])
-@pytest.mark.parametrize("setups", [1, 3])
+@pytest.mark.parametrize(("arm", "setups"), [("rb5", 1), ("panda", 3)])
 def test_visible_rms_is_what_independent_least_squares_leave(arm: str, setups: int) -> None:
     """Against the analytic Jacobian of calib.kinematics.chain, in the base frame."""
     cell = cell_of(arm, seed=3, setups=setups)
