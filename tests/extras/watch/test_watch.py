@@ -43,7 +43,7 @@ def set_up_anew(new: Dataset) -> Dataset:
 
 
 def test_an_unchanged_cell_raises_no_alarm(cells: list[Drawn]) -> None:
-    seen = [watch(base, cell.measured(rng)) for rng, cell, base in cells for _ in range(5)]
+    seen = [watch(base, cell.measured(rng)) for rng, cell, base in cells for _ in range(6)]
     assert [w.verdict for w in seen].count("unchanged") >= len(seen) - 1
     calm = next(w for w in seen if w.verdict == "unchanged")
     assert "unchanged" in calm.headline
@@ -102,9 +102,9 @@ def test_what_is_promised_is_found(cells: list[Drawn]) -> None:
     assert size is not None
     hits = [
         watch(base, set_up_anew(cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q))).changes
-        for _ in range(12)
+        for _ in range(20)
     ]
-    assert sum(map(bool, hits)) >= 9  # 19 of 20 are promised
+    assert sum(map(bool, hits)) >= 16  # 19 of 20 are promised
 
 
 def test_too_few_poses_and_another_robot_are_refused(cells: list[Drawn]) -> None:
