@@ -23,7 +23,8 @@ from calib.text_files.text_file import read_text
 
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 ARRAYS = (".npz", ".npy")
-RECORDS = (*SPREADSHEETS, *ARRAYS, ".json")
+JSON_LINES = (".jsonl", ".ndjson")
+RECORDS = (*SPREADSHEETS, *ARRAYS, ".json", *JSON_LINES)
 """Suffixes of the files that are read as rows of cells."""
 _MOST_UNPACKED = 200_000_000  # bytes of a workbook, which is a zip
 _MOST_ROWS = 200_000
@@ -132,7 +133,7 @@ def _cell(value: Any) -> str:
 
 
 def content_of(path: Path) -> Any:
-    """Content of a JSON file, or of NumPy's arrays as lists. Raises DatasetError."""
+    """Content of a JSON file, a list of its lines', or of NumPy's arrays as lists. Raises DatasetError."""
     if path.suffix.lower() in ARRAYS:
         try:
             if path.stat().st_size > MOST_BYTES:
@@ -143,6 +144,8 @@ def content_of(path: Path) -> Any:
             raise DatasetError(f"{path}: cannot be read as arrays of NumPy ({error})") from None
     text = read_text(path, missing="name a table of numbers", kind="JSON", most_bytes=MOST_BYTES)
     try:
+        if path.suffix.lower() in JSON_LINES:
+            return [json.loads(line) for line in text.splitlines() if line.strip()]
         return json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
         raise DatasetError(f"{path}: cannot be read as JSON ({error}); one object a pose in a list is needed") from None

@@ -81,8 +81,9 @@ class UserTable:
         return self.positions[row] if self.positions else row
 
     def fault(self, row: int, found: str, column: str = "") -> RowFault:
-        """Fault of a row, by its place in the file."""
-        return RowFault(self.path, self.lines[row], found, column, self.rows_are)
+        """Fault of a row, by its place in the file, or by the name of the file that it is."""
+        rows_are = f"{self.rows[row][0]}{self.path.suffix}, {FILE}" if self.rows_are == FILE else self.rows_are
+        return RowFault(self.path, self.lines[row], found, column, rows_are)
 
     def without(self, lines: Collection[int]) -> UserTable:
         """Table without the rows of these lines."""
@@ -128,7 +129,8 @@ def load_table(
     """
     if "*" in path.name:
         files = sorted(path.parent.glob(path.name), key=lambda file: natural_order(file.name))[:_MOST_FILES]
-        rows = [(k + 1, row) for k, row in enumerate(_rows_of_files(path, files, any_encoding=any_encoding))]
+        cells = _rows_of_files(path, files, any_encoding=any_encoding)
+        rows = list(enumerate(cells, 1 + len(files) - len(cells)))  # the names of columns are of no file
         return replace(_table_of(path, rows, fault, is_names=is_names), rows_are=FILE)
     if is_records(path):
         rows = [(k + 1, row) for k, row in enumerate(read_records(path)) if any(row)]

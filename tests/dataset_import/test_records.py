@@ -79,18 +79,19 @@ def test_joints_and_points_of_two_sheets_are_found_and_named(truth: Dataset, tmp
         load_table(path.with_name("all.xlsx#None"))
 
 
-@pytest.mark.parametrize("point", ["list", "object"])
+@pytest.mark.parametrize("point", ["list", "object", "lines"])
 def test_json_records_with_lists_of_joints_are_imported(point: str, truth: Dataset, tmp_path: Path) -> None:
     records = [
         {
             "name": f"P{i}",
             "joints": row[:6],
-            "point": row[6:] if point == "list" else dict(zip("xyz", row[6:], strict=True)),
+            "point": dict(zip("xyz", row[6:], strict=True)) if point == "object" else row[6:],
         }
         for i, row in enumerate(numbers(truth).tolist())
     ]
-    path = tmp_path / "poses.json"
-    path.write_text(json.dumps({"robot": "arm", "poses": records}))
+    path = tmp_path / ("poses.jsonl" if point == "lines" else "poses.json")
+    lines = "\n".join(map(json.dumps, records))
+    path.write_text(lines if point == "lines" else json.dumps({"robot": "arm", "poses": records}))
     assert [file.kind for file in look_through(tmp_path).files] == [BOTH]
     printed("import", tmp_path / "made", "--robot", "rb5", "--joints", path)
     assert is_same(import_dataset(tmp_path / "again", ROBOT, path).dataset, truth)
@@ -102,6 +103,14 @@ def test_a_bad_cell_is_named_by_its_row_in_the_sheet(truth: Dataset, tmp_path: P
     path = book(tmp_path / "bad.xlsx", Sheet1=rows)
     with pytest.raises(DatasetError, match=r"line 6, column Achse 3 \[°\]: found 'n/a'"):
         import_dataset(tmp_path / "made", ROBOT, path)
+
+
+def test_a_bad_value_of_a_file_a_pose_is_told_with_the_files_name(truth: Dataset, tmp_path: Path) -> None:
+    for i, row in enumerate(numbers(truth).tolist()):
+        record = {"q_deg": ["n/a" if i == 2 else row[0], *row[1:6]], "point_mm": row[6:]}
+        (tmp_path / f"shot_{i:02}.json").write_text(json.dumps(record))
+    with pytest.raises(DatasetError, match=r"\*\.json: shot_02\.json, file 3, column q1 \[deg\]: found 'n/a'"):
+        import_dataset(tmp_path / "made", ROBOT, tmp_path / "*.json")
 
 
 @pytest.mark.parametrize(
