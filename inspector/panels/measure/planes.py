@@ -28,6 +28,7 @@ WHY_NOT = (
 WHY_NONE = "None was chosen: no three groups are mutually perpendicular and fill the outline of the jig."
 NOT_SEARCHED = "No planes were looked for in this scan, for the reason above."
 NO_PLANES = "No planes are looked for in this scan: its targets are no jig with three faces. See the tab Corner."
+HOW = "How they were found"
 SHOWN_GROUPS = 15
 _USUAL_PASSES = 2  # a coarse one, a fine one
 _FILTERS = (
@@ -41,21 +42,32 @@ class PlanesPanel:
     """Counts of sample sets and plane groups of the selected pose."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        self._note = gui.add_html("")
         self._show = gui.add_button_group("In 3D", ("Show the planes",))
         self._show.on_click(lambda _: actions.show_view("Planes"))
         self._content = gui.add_html("")
+        self._folder = gui.add_folder(HOW, expand_by_default=False)
+        with self._folder:
+            self._note, self._how = gui.add_html(elements.note(NOTE)), gui.add_html("")
 
     def update(self, view: View) -> None:
         """Show the selected pose's search."""
         self._show.visible = view.session.dataset.scan_folder is not None
-        self._note.content = elements.note(NOTE if self._show.visible else "")
-        self._content.content = planes_html(view)
+        self._content.content, self._how.content = planes_html(view), how_html(view)
+        self._folder.visible = bool(self._how.content)
 
 
 def planes_html(view: View) -> str:
-    """HTML of the whole tab Planes for one pose."""
+    """HTML of what came of one pose's planes: the faces that were found, or why there are none."""
     return panel([Paragraph(f"Pose {view.pose_id}", heading=True), *_blocks(view)])
+
+
+def how_html(view: View) -> str:
+    """HTML of how one pose's planes were found: sample sets and plane groups; "" where none were looked for."""
+    search = view.search
+    if search is None or not len(search.sets):
+        return ""
+    groups = Section(f"Plane groups ({len(search.groups)})", _group_blocks(search, view.grey_rejected))
+    return panel([Section("Sample sets", [_filter_table(search)]), groups])
 
 
 def _blocks(view: View) -> list[Block | Section]:
@@ -67,12 +79,7 @@ def _blocks(view: View) -> list[Block | Section]:
     failure = Verdict(f"No corner: {search.failure}" if search.failure else "", FAILED)
     if not len(search.sets):
         return [failure, _note(NO_PLANES if isinstance(search, ScanSearch) else NOT_SEARCHED)]
-    return [
-        failure,
-        Section("Sample sets", [_filter_table(search), _note(_passes(search))]),
-        Section("Faces of the jig", [_face_table(search)]),
-        Section(f"Plane groups ({len(search.groups)})", _group_blocks(search, view.grey_rejected)),
-    ]
+    return [failure, Section("Faces of the jig", [_face_table(search), _note(_passes(search))])]
 
 
 def _note(words: str) -> Paragraph:

@@ -23,16 +23,16 @@ NOTE = (
 
 
 class RedundancyPanel:
-    """Heatmap of the correlations, and sentences on redundant parameters."""
+    """Which parameters to keep, sentences on redundant ones, and the heatmap of their correlations."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(elements.note(NOTE))
         self.residual = gui.add_dropdown(
             "Measured", RESIDUALS, hint="position: points, as Park does; distance: from the reference pose, as Jang"
         )
         self._kinds = ChosenByDataset(self.residual, RESIDUALS[0])
-        self._plot = hidden_plot(gui, 0.95, "redundancy")
         self._content = gui.add_html(elements.note("Not computed yet."))
+        self._plot = hidden_plot(gui, 0.95, "redundancy")
+        self._legend = gui.add_html(elements.note(NOTE))
         on_page(self.residual, lambda value: actions.redundancy(one_of(value, RESIDUALS, RESIDUALS[0])))
 
     def open(self, dataset: str, view: View) -> None:
@@ -44,7 +44,7 @@ class RedundancyPanel:
     def update(self, view: View) -> None:
         """Show the session's redundancy analysis."""
         analysis = view.session.redundancy
-        self._plot.visible = analysis is not None
+        self._plot.visible = self._legend.visible = analysis is not None
         if analysis is None:
             self._content.content = elements.note("Not computed yet.")
             return

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from calib.corners.search import CornerSearch
+from calib.rendering.blocks import plain as words
 from calib.scans.scan import Scan, load_scan, write_scan
 from inspector.app.app import App
 from inspector.markup.legend import EMPTY, legend_html
 from inspector.panels.measure.corner import corner_html
-from inspector.panels.measure.planes import NOT_SEARCHED, planes_html
+from inspector.panels.measure.planes import NOT_SEARCHED, how_html, planes_html
 from inspector.panels.measure.scans import corner_state
 from inspector.panels.model.compare import exaggeration
 from inspector.report.report import report_html
@@ -67,16 +68,16 @@ def test_a_scan_that_was_not_searched_for_planes_has_no_tables_of_zeros(app: App
     said = planes_html(view(app, FEW))
     assert NOT_SEARCHED in said
     assert "<table" not in said
-    assert "<table" in planes_html(view(app, BROKEN))  # which was searched, in vain
+    assert "<table" in how_html(view(app, BROKEN))  # which was searched, in vain
 
 
 def test_doubts_are_told_in_the_list_beside_the_pose_and_in_the_progress(app: App, page: WireClient) -> None:
     corner = search(app, NOISY).corner
     doubts = corner.quality.doubts()
     assert doubts
-    assert f"{len(doubts)} doubt" in corner_state(view(app), NOISY)
-    assert "failed" in corner_state(view(app), FEW)
-    states = [str(corner_state(view(app), i)) for i in range(POSES)]
+    assert f"{len(doubts)} doubt" in words(corner_state(view(app), NOISY))
+    assert "failed" in words(corner_state(view(app), FEW))
+    states = [words(corner_state(view(app), i)) for i in range(POSES)]
     assert states.count("found") >= POSES - 5
     doubtful = sum("doubt" in state for state in states)
     ids = view(app).session.dataset.poses.ids
