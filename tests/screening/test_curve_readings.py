@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calib.array_types import Array
-from calib.screening.curves.readings import BUMP, ROUGH, SLOPE, WAVE, WAVES, shape_of
+from calib.present.fit.learned import part_words, reading_phrase, readings_document, sweep_sentence
+from calib.screening.curves.readings import BUMP, ROUGH, SLOPE, WAVE, WAVES, CurveReading, Sweep, shape_of
 
 U = np.linspace(np.radians(-150.0), np.radians(140.0), 801)
 
@@ -42,3 +43,15 @@ def test_many_waves_are_rough_with_the_strongest_named() -> None:
 def test_over_a_narrow_range_the_slowest_wave_that_fits_counts() -> None:
     u = np.linspace(0.0, np.radians(30.0), 801)
     assert shape_of(u, np.sin(5 * u))[2][:1] <= (5,)
+
+
+def test_it_is_told_with_the_part_and_the_sweep() -> None:
+    sweep = Sweep(3, -120.0, 130.0, 5.0)
+    one = CurveReading(3, "q3", WAVE, 0.71, (9,), None, 1e-4, None, sweep)
+    assert reading_phrase(one) == "joint 3 has a wave of 9 a turn (71 % of its square)"
+    assert "bearing" in part_words(one)
+    assert sweep.poses == 51
+    assert "joint 3 from −120° to 130° in steps of 5° (51 poses)" in sweep_sentence([one])
+    geared = CurveReading(3, "q3", WAVE, 0.71, (202,), None, 1e-4, 2, sweep)
+    assert "twice a turn of the motor" in part_words(geared)
+    assert readings_document([one])[0]["waves_per_turn"] == (9,)
