@@ -54,11 +54,8 @@ def matched(names: Sequence[str], poses: Sequence[str]) -> NameMatch:
     counted, of_poses = _counted(names), _counted(poses)
     if counted and of_poses and (0 in counted.values()) != (0 in of_poses.values()):
         starts = min(counted.values()), min(of_poses.values())
-        if (
-            len(counted) == len(names) == len(poses) == len(of_poses)
-            and _are_one_run(counted)
-            and _are_one_run(of_poses)
-        ):
+        are_whole = len(counted) == len(names) == len(poses) == len(of_poses)
+        if are_whole and _are_one_run(counted) and _are_one_run(of_poses):
             index = {number - starts[1]: i for i, number in of_poses.items()}
             of_each = tuple(index[counted[i] - starts[0]] for i in range(len(names)))
             return NameMatch(of_each, f"in their order, {names[0]} as {poses[of_each[0]]}")
@@ -69,8 +66,9 @@ def matched(names: Sequence[str], poses: Sequence[str]) -> NameMatch:
         ("by the poses' names within them", _within(names, poses)),
         ("by their numbers", _by_number(counted, of_poses, len(names))),
     ):
-        if 2 * sum(index >= 0 for index in found) >= len(names) and sum(index >= 0 for index in found) > best.count:
-            best = NameMatch(found, how)
+        looser = NameMatch(found, how)
+        if 2 * looser.count >= len(names) and looser.count > best.count:
+            best = looser
     return best
 
 
@@ -124,9 +122,8 @@ def _are_one_run(counted: Mapping[int, int]) -> bool:
 
 def _by_number(counted: Mapping[int, int], of_poses: Mapping[int, int], count: int) -> tuple[int, ...]:
     index = {number: i for i, number in of_poses.items()}
-    if len(index) < len(of_poses):
-        index = {}
-    return tuple(index.get(counted.get(i, -1), -1) for i in range(count))
+    is_clear = len(index) == len(of_poses)
+    return tuple(index.get(counted.get(i, -1), -1) if is_clear else -1 for i in range(count))
 
 
 def files_of_rows(files: Mapping[str, object], table: UserTable, ids: Sequence[str]) -> tuple[dict[str, int], str]:

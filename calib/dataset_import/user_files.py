@@ -299,7 +299,8 @@ def _scans(files: list[UserFile]) -> dict[str, Path]:
     if not clouds or (len(clouds) == 1 and clouds[0].suffix.lower() == ".npy"):  # an array of points, a row a pose
         return {}
     folder = Counter(path.parent for path in clouds).most_common(1)[0][0]
-    return {path.stem: path for path in reversed(clouds) if path.parent == folder}
+    of_stem = {path.stem: path for path in reversed(clouds) if path.parent == folder}  # the first of a stem
+    return dict(reversed(of_stem.items()))
 
 
 def _settled(file: UserFile, scans: Mapping[str, Path]) -> UserFile:

@@ -14,7 +14,8 @@ import numpy as np
 import tomli_w
 
 from calib.array_types import Array, BoolArray
-from calib.dataset.dataset import ROLES, Dataset
+from calib.dataset.dataset import ROLES, Dataset, Scanner
+from calib.dataset.files.cell_tables import scanner_document
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
@@ -194,12 +195,12 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
         document["points"] = "points.csv"
     if content.notes:
         document["notes"] = list(content.notes)
-    sigmas = {"point_sigma_mm": content.point_sigma_mm, "place_sigma_mm": content.place_sigma_mm}
-    if declared := {key: value for key, value in sigmas.items() if value is not None}:
-        document["scanner"] = declared
+    declared = scanner_document(Scanner(content.point_sigma_mm, place_sigma_mm=content.place_sigma_mm))
     if content.measured is not None:
-        document["scanner"] = content.measured.scanner_table(document.get("scanner", {}))
+        declared = content.measured.scanner_table(declared)
         document |= content.measured.write(folder, with_files=with_scans)
+    if declared:
+        document["scanner"] = declared
     if content.scans:
         edges = {} if content.edge_mm is None else {"edge_mm": [content.edge_mm] * 3}
         document |= {"scans": "scans", "jig": edges}
