@@ -82,7 +82,7 @@ def test_what_cannot_be_fitted_leaves_nothing_of_the_dataset_before(folder: Path
         page.wait(lambda p: len(p.props("Against")["options"]) > 5, 30)
         app.open("few")
         shows(page, "needs many more", "The tab Fit")
-        for label in ("Against", "Show", "Worst poses"):
+        for label in ("Against", "Show"):
             page.wait(lambda p, label=label: list(p.props(label)["options"]) == ["–"])  # type: ignore[misc]
 
 
