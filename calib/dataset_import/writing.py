@@ -37,13 +37,17 @@ _ENOUGH = 25  # poses, so that some can be kept apart
 _EVERY = 4
 
 
-def roles_of(column: Sequence[str] | None, count: int, first: int = 0) -> tuple[list[str], str]:
+def roles_of(
+    column: Sequence[str] | None, count: int, first: int = 0, *, few_unknowns: bool = False
+) -> tuple[list[str], str]:
     """Role of each pose, exactly one being the reference, and the reason; "" where all are in the table.
 
     first  # index of the first measured pose
+    few_unknowns  # whether no link is fitted: what is sought is nearest by all poses, and fits none of their noise
     """
     if column is None:
-        roles = ["test" if count >= _ENOUGH and i % _EVERY == _EVERY - 1 else "train" for i in range(count)]
+        apart = count >= _ENOUGH and not few_unknowns
+        roles = ["test" if apart and i % _EVERY == _EVERY - 1 else "train" for i in range(count)]
         kept = (
             f"every fourth is kept apart to test ({roles.count('test')} of {count})"
             if "test" in roles
@@ -74,7 +78,8 @@ def poses_text(
     assert report.robot is not None
     table, meant = joints.table, joints.meant
     given = joints.cells("role") or None
-    roles, how = roles_of(given, len(ids), 0 if measured is None else int(np.argmax(measured)))
+    first = 0 if measured is None else int(np.argmax(measured))
+    roles, how = roles_of(given, len(ids), first, few_unknowns=report.robot.is_cartesian)
     report.notes += [f"{table.path}: {how}"] if how else []
     unknown = [i for i, role in enumerate(roles) if role not in ROLES]
     for i in unknown:

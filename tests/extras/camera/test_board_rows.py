@@ -108,6 +108,16 @@ def test_distances_that_are_seen_badly_weigh_less_and_are_told_as_no_move():
     assert found.point_sigma_mm < 0.7 * along_mm.mean()
 
 
+def test_a_board_that_creeps_is_doubted():
+    """As the world of a tracker or of visual odometry does: neighbours err alike."""
+    rng = np.random.default_rng(9)
+    scene = Scene.draw(rng, on_flange=True, poses=24)
+    seen = scene.camera_T_board.copy()
+    seen[:, :3, 3] += np.cumsum(rng.normal(size=(24, 3)), axis=0)
+    (doubt,) = settled(scene, scene.q, seen).doubts
+    assert "errors of successive poses are alike" in doubt
+
+
 def test_each_placement_of_the_camera_is_judged_by_itself():
     rng = np.random.default_rng(6)
     first = Scene.draw(rng, on_flange=False, poses=12, link_mm=0.5, link_deg=0.1)

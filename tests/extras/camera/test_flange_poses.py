@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib import load_dataset
 from inspector.cli.parser import main
 from tests.extras.camera.marker_poses import write_marker_poses
-from tests.support.camera_scene import Scene
+from tests.support.camera_scene import Scene, transform
 
 R = Rotation
 FORMS = {  # header, numbers of the attitude, mm in a unit of length
@@ -121,6 +123,27 @@ def test_poses_of_the_flange_have_no_links_to_correct(cells, tmp_path, capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["missing"] == []
     assert {"joint_compliance", "backlash"} <= {one["effect"] for one in document["untestable"]}
+
+
+def test_noisy_poses_with_a_mount_that_is_given_are_no_question_of_their_attitudes(tmp_path, capsys):
+    """With columns named qx ... qw it was: "name the columns rvec_x ... or qw, qx, qy, qz"."""
+    rng = np.random.default_rng(8)
+    scene = Scene.draw(rng, on_flange=True, poses=30)
+    turns, shifts_mm = (
+        R.from_rotvec(0.02 * rng.normal(size=(30, 3))),
+        [500.0, 0.0, 400.0] + 15.0 * rng.normal(size=(30, 3)),
+    )
+    poses = np.array([transform(turn, at) for turn, at in zip(turns, shifts_mm, strict=True)])
+    board = poses[0] @ scene.parent_T_camera @ scene.camera_T_board[0]
+    scene = replace(scene, camera_T_board=np.linalg.inv(poses @ scene.parent_T_camera) @ board)
+    marker = write_marker_poses(scene, tmp_path / "marker.csv", rng, sigma_mm=8.0, sigma_deg=1.0)
+    numbers = np.column_stack([poses[:, :3, 3], turns.as_quat()])
+    path = _write(tmp_path / "poses.csv", "x_mm,y_mm,z_mm,qx,qy,qz,qw", numbers)
+    given = ["--flange-poses", str(path), "--marker-poses", str(marker), "--mount", "flange"]
+    assert main(["import", str(tmp_path / "out"), *given]) == 0
+    assert not load_dataset(tmp_path / "out").poses.is_test.any()  # both places are nearest by all poses
+    off_mm, sigma_mm = _camera_error_mm(tmp_path / "out", scene, capsys)
+    assert off_mm < 3.0 * sigma_mm
 
 
 def test_attitudes_that_agree_with_nothing_are_refused(cells, tmp_path, capsys):

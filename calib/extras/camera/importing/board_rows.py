@@ -92,8 +92,9 @@ def require_agreement(dataset: Dataset, fits: Sequence[BoardHandEye], names: Seq
     if share < _LEAST_SHARE or off_deg > _MOST_DEG or off_mm > _MOST_SHARE * max(spread_mm, 100.0):
         raise CalibError(
             f"{' and '.join(names)} do not belong together: {share:.0%} of them agree, to {off_mm:.3g} mm and "
-            f"{off_deg:.2g}°; no sign, order or zero of the joints, no shift of the rows and no move explains it; "
-            "check that robot, joints and what the camera saw are of one run, and that each row has its own image"
+            f"{off_deg:.2g}°, where the flange spreads by {spread_mm:.3g} mm; no sign, order or zero of the joints, no "
+            "shift of the rows and no move explains it; check that robot, joints and what the camera saw are of one "
+            "run, and that each row has its own image"
         )
 
 

@@ -58,6 +58,7 @@ _EXPLAINED = 0.35  # of the misfit, which a size that explains it leaves at the 
 _HELPS = 0.8  # the same of a size that explains a part, in place and at most poses
 _LEAST_VARIANCES = np.array([[1e-6], [3e-10]])  # mm^2, rad^2
 _SIGMA_ROUNDS = 4
+_ALIKE, _FEWEST_ALIKE = 0.5, 20  # correlation of successive poses' errors, and poses, that are no chance
 
 
 @dataclass(frozen=True)
@@ -323,7 +324,7 @@ def settled_camera(
             f"axis, along the sight and across it by what is left in each, weigh them, which {left}; give --sigma if "
             "you know it"
         )
-    return replace(given, notes=tuple(notes), doubts=() if doubt is None else (doubt,))
+    return replace(given, notes=tuple(notes), doubts=(*given.doubts, *([] if doubt is None else [doubt])))
 
 
 def _with_noise_of_fit(
@@ -339,7 +340,7 @@ def _with_noise_of_fit(
     along = np.einsum("mi,mj->mij", sight, sight)
     each = [max(fit.rms_mm for fit in fits), max(fit.rms_rad for fit in fits)]  # across and along the sight alike
     variances = np.repeat(np.square(each)[:, None] / 3.0, 2, axis=1)
-    told_mm = given.point_sigma_mm
+    told_mm, alike = given.point_sigma_mm, 0.0
     for _ in range(_SIGMA_ROUNDS):
         variances = np.maximum(variances, _LEAST_VARIANCES)
         if told_mm is not None:
@@ -353,10 +354,17 @@ def _with_noise_of_fit(
         except CalibError:
             break
         errors = full_pose_errors(fitted).reshape(-1, 2, 3)
+        alike = max(float(np.sum(one[1:] * one[:-1]) / np.sum(one**2)) for one in np.moveaxis(errors, 1, 0))
         share = errors.size / max(fitted.fit.degrees_of_freedom, 1)
         deep = np.einsum("mki,mi->mk", errors, sight) ** 2
         variances = share * np.stack([0.5 * (np.sum(errors**2, axis=-1) - deep), deep], axis=-1).mean(axis=0)
     sigma_mm, sigma_rad = np.sqrt(variances @ [2.0, 1.0] / 3.0).tolist()
+    if alike > _ALIKE and len(along) >= _FEWEST_ALIKE:
+        doubt = (
+            f"errors of successive poses are alike (correlation {alike:.2f}): board or camera creeps, or the clocks of "
+            "arm and camera differ; the camera's place is less certain than told: measure standing, in mixed order"
+        )
+        given = replace(given, doubts=(*given.doubts, doubt))
     return replace(given, point_sigma_mm=told_mm or sigma_mm, orientation_sigma_deg=float(np.degrees(sigma_rad)))
 
 

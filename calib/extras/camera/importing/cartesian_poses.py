@@ -20,6 +20,8 @@ from calib.kinematics.robot import Robot
 from calib.text_files.user_table import UserTable, load_table
 
 _FEWEST_JOINTS = 5
+_CLEAR = 3.0  # ratio of misfits from which poses are taken for inverse ones
+_INVERSE = "of the base in the flange's frame"
 
 
 @dataclass(frozen=True)
@@ -88,13 +90,22 @@ def joints_table(
     ids: of the table's poses. given: the robot that the user named, of which nothing but the name is taken.
     """
     row = [list(ids).index(name) for name in camera.names]
-    readings = list(arm.readings)
-    if camera.mount is not None:
-        inverse = (replace(one, base_T_flange=frames.invert(one.base_T_flange)) for one in arm.readings)
-        readings += [replace(one, form=f"{one.form}, of the base in the flange's frame") for one in inverse]
-    mounts = MOUNTS if camera.mount is None else (camera.mount,)
     markers = [one.base_T_flange for one in camera.readings] or [camera.camera_T_board]
-    off_mm = [min(least_misfit_mm(one.base_T_flange[row], seen, mounts) for seen in markers) for one in readings]
+    mounts = MOUNTS if camera.mount is None else (camera.mount,)
+
+    def missed_mm(readings: Sequence[FlangePoses]) -> list[float]:
+        flanges = [one.base_T_flange[row] for one in readings]
+        return [min(least_misfit_mm(flange, seen, mounts) for seen in markers) for flange in flanges]
+
+    readings, off_mm = list(arm.readings), missed_mm(arm.readings)
+    if camera.mount is not None:
+        inverse = [
+            replace(one, base_T_flange=frames.invert(one.base_T_flange), form=f"{one.form}, {_INVERSE}")
+            for one in readings
+        ]
+        inverse_mm = missed_mm(inverse)
+        if min(inverse_mm) < min(off_mm) / _CLEAR:
+            readings, off_mm = inverse, inverse_mm
     path = arm.table.path
     chosen, note = clear_reading(path, readings, off_mm, "what the camera saw", "the board")
     doubts = []
