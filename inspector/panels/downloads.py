@@ -10,8 +10,9 @@ import viser
 from calib.calibration.plausibility import implausibility_reason
 from calib.errors import CalibError
 from calib.models.exported_table import exported_table
+from calib.present.cause.actions import what_to_do
 from calib.present.fit.errors import table_alone
-from calib.rendering.blocks import Verdict
+from calib.rendering.blocks import Bullets, Section, Verdict
 from calib.rendering.html import panel
 from calib.robot_formats.calibrated_file import kept_template
 from inspector.markup.parts import elements
@@ -25,6 +26,7 @@ NOT_YET = "Nothing to take away yet: the model is fitted when the search has end
 REPORT, OWN_FILE, TABLE, MODEL = (
     "Report (HTML)", "Your robot's file, calibrated", "Calibrated robot (TOML)", "Full model (JSON)",
 )  # fmt: skip
+TO_DO = "What to do now"
 SESSION = "Session (JSON)"
 _CORRECTION = "calib.present.moves.correction"
 RESIDUALS, POINTS, REDUNDANCY = "Residuals (CSV)", "Measured points (CSV)", "Redundancy (CSV)"
@@ -40,14 +42,6 @@ class Item:
 
 
 GROUPS: dict[str, dict[str, Item]] = {
-    "Report": {
-        REPORT: Item(
-            viser.Icon.FILE_DESCRIPTION,
-            "One page for whoever owns the arm: verdict, figures, parameters, method. It opens without a network "
-            "and prints on A4.",
-            "inspector report",
-        ),
-    },
     "Robot": {
         OWN_FILE: Item(
             viser.Icon.FILE_CODE,
@@ -63,6 +57,14 @@ GROUPS: dict[str, dict[str, Item]] = {
             viser.Icon.BRACES,
             "Table, effects, frames and covariance, for the commands correct and validate and for calib.load_model.",
             "inspector calibrate --model-out",
+        ),
+    },
+    "Report": {
+        REPORT: Item(
+            viser.Icon.FILE_DESCRIPTION,
+            "One page for whoever owns the arm: verdict, figures, parameters, method. It opens without a network "
+            "and prints on A4.",
+            "inspector report",
         ),
     },
     "Data": {
@@ -115,14 +117,13 @@ class DownloadsPanel(FollowsModel):
     """Download buttons in groups, with notes on what each file is for and on the use of a robot's file."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        self._to_do = gui.add_html(elements.note(NOT_YET))
         gui.add_html(elements.note(NOTE))
         self._doing = gui.add_html("")
         self._buttons: dict[str, viser.GuiButtonHandle] = {}
         self._notes: dict[str, viser.GuiHtmlHandle] = {}
         for group, items in GROUPS.items():
             gui.add_html(elements.heading(group))
-            if group == "Robot":
-                self._before_use = gui.add_html(elements.note(NOT_YET))
             for name, item in items.items():
                 button = gui.add_button(
                     name,
@@ -143,7 +144,7 @@ class DownloadsPanel(FollowsModel):
         """Show the downloads that this dataset allows, and what to know before a robot's file is used."""
         own = kept_template(view.session.dataset.folder) is not None
         self.offer(OWN_FILE, own)
-        self._before_use.content = before_use_html(view)
+        self._to_do.content = to_do_html(view)
         self.tell_corrected("")
 
     def offer(self, name: str, offered: bool) -> None:
@@ -159,8 +160,8 @@ class DownloadsPanel(FollowsModel):
         self._doing.content = elements.alert(words, colour="#56B4E9")
 
 
-def before_use_html(view: View) -> str:
-    """HTML on the error left by the calibrated table alone, and on reasons against the table's use."""
+def to_do_html(view: View) -> str:
+    """HTML on what to do with the model: what the table alone reaches, what it leaves, and reasons against its use."""
     session = view.session
     if session.calibration is None:
         return elements.note(NOT_YET)
@@ -170,7 +171,10 @@ def before_use_html(view: View) -> str:
     except CalibError as error:
         return elements.alert(str(error), colour=BAD)
     doubt = implausibility_reason(session.calibration)
-    return panel([*table_alone(table), Verdict(doubt, DOUBT)])
+    diagnosis, told = session.diagnosis, session.headline
+    outliers = () if diagnosis is None else diagnosis.outlier_poses
+    actions = [] if told is None else what_to_do(told, table, None, diagnosis, session.next_poses, outliers)
+    return panel([Section(TO_DO, [Verdict(doubt, DOUBT), Bullets(actions), *table_alone(table)])])
 
 
 def _pressed(actions: Actions, what: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
