@@ -34,8 +34,7 @@ from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import CATALOGUE, catalogue_names, effects_named
 from calib.errors import CalibError
-from calib.simulation.measured_dataset import Simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset
 from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS
 from calib.simulation.truth.equilibrium import scanner_T_target
 from calib.simulation.truth.mechanism import Conditions

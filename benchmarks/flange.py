@@ -30,7 +30,7 @@ from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.errors import CalibError
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.options import FitOptions
-from calib.simulation.measured_dataset import measure
+from calib.simulation.simulate import measure
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 from calib.statistics import rms_length
 

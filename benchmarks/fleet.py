@@ -39,8 +39,7 @@ from calib.extras.fleet.run import run_fleet  # noqa: E402
 from calib.extras.fleet.table import table_bytes  # noqa: E402
 from calib.extras.fleet.workers import local_workers  # noqa: E402
 from calib.scans.scan import Scan, load_scan, write_scan  # noqa: E402
-from calib.simulation.measured_dataset import write_simulation  # noqa: E402
-from calib.simulation.simulate import simulate_dataset  # noqa: E402
+from calib.simulation.simulate import simulate_dataset, write_simulation  # noqa: E402
 
 SETS = 8
 BAD = SETS - 1  # the arm with a bad gear

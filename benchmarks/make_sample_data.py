@@ -26,7 +26,6 @@ from calib.frames import apply
 from calib.kinematics.chain import nominal_chain
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
-from calib.simulation.measured_dataset import Simulation, measure, write_simulation
 from calib.simulation.pose_design import (
     MAX_TILT_DEG,
     draw_scanner_pose,
@@ -34,9 +33,8 @@ from calib.simulation.pose_design import (
     spread_poses,
     usable_poses,
 )
-from calib.simulation.scanner import STRUCTURED_LIGHT
-from calib.simulation.scene import CUBE_CORNER
-from calib.simulation.simulate import rounded, simulate_dataset
+from calib.simulation.scanner import CUBE_CORNER, STRUCTURED_LIGHT
+from calib.simulation.simulate import Simulation, measure, rounded, simulate_dataset, write_simulation
 from calib.simulation.truth.arm_sampling import draw_truth
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 from calib.simulation.truth.load_effects import JointCompliance
@@ -47,7 +45,7 @@ ROOT = Path(__file__).resolve().parents[1]
 JANG_SEED, REPEATS_SEED = 3, 11
 HIDDEN_SEEDS = {"hidden_effect_a": 31, "hidden_effect_b": 32, "hidden_effect_c": 33}
 
-# What is hidden, and how large: visible rms a coordinate, in sigmas of the noise (calib.simulation.truth.visibility).
+# What is hidden, and how large: visible rms a coordinate, in sigmas of the noise (calib.simulation.truth.sampling).
 HIDDEN: dict[str, tuple[str, tuple[tuple[str, float], ...]]] = {
     "hidden_effect_a": ("rb5", (("transmission_error", 4.0),)),
     "hidden_effect_b": ("panda", (("joint_compliance", 5.0), ("backlash", 3.0))),

@@ -25,8 +25,7 @@ from calib import diagnose
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.extras.proof_plan.proof_plan import NextChange, next_change
-from calib.simulation.measured_dataset import Simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cause import Cause
 from tests.support.engine.cell import Cell, draw_cell

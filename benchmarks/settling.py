@@ -29,10 +29,9 @@ from calib import diagnose
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.planning.discrimination_criterion import for_confounded
+from calib.planning.discrimination import for_confounded
 from calib.planning.plan import plan_poses
-from calib.simulation.measured_dataset import Simulation, measure
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, measure, simulate_dataset
 from calib.workcell.candidates import candidate_poses
 
 EFFECTS = ("joint_compliance", "link_bending", "base_compliance")

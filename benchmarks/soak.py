@@ -59,8 +59,7 @@ from calib.errors import CalibError
 from calib.kinematics.chain import target_jacobian, target_points
 from calib.kinematics.robot import Robot
 from calib.present.fit.calibration import calibration_warnings
-from calib.simulation.measured_dataset import Simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset
 from calib.simulation.truth.arm_sampling import Tolerances
 from tests.support import ROOT
 from tests.support.arms import random_arm

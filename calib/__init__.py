@@ -45,12 +45,10 @@ _NAMES = {
     "calib.robot_formats.robots": ("load_robot", "save_robot"),
     "calib.scans.scan": ("Scan", "load_scan"),
     "calib.screening.candidates": ("Candidate", "Screening"),
-    "calib.simulation.measured_dataset": ("Simulation",),
-    "calib.simulation.simulate": ("simulate_dataset",),
+    "calib.simulation.simulate": ("Simulation", "simulate_dataset"),
     "calib.validation.acceptance": ("Check",),
     "calib.validation.comparison": ("Comparison",),
-    "calib.validation.cross_validation": ("CrossValidation",),
-    "calib.validation.learning_curve": ("LearningCurve",),
+    "calib.validation.cross_validation": ("CrossValidation", "LearningCurve"),
     "calib.validation.repeat": ("Recurrence",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

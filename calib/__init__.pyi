@@ -46,12 +46,12 @@ from calib.scans.scan import Scan as Scan
 from calib.scans.scan import load_scan as load_scan
 from calib.screening.candidates import Candidate as Candidate
 from calib.screening.candidates import Screening as Screening
-from calib.simulation.measured_dataset import Simulation as Simulation
+from calib.simulation.simulate import Simulation as Simulation
 from calib.simulation.simulate import simulate_dataset as simulate_dataset
 from calib.validation.acceptance import Check as Check
 from calib.validation.comparison import Comparison as Comparison
 from calib.validation.cross_validation import CrossValidation as CrossValidation
-from calib.validation.learning_curve import LearningCurve as LearningCurve
+from calib.validation.cross_validation import LearningCurve as LearningCurve
 from calib.validation.repeat import Recurrence as Recurrence
 
 __version__: str

@@ -21,7 +21,6 @@ REFITS = ("frame", "links")
 (`calib.models.refit`)."""
 PLAN_REGIONS = ("auto", "test", "measurable", "all")
 """Regions over which a plan minimises the predicted error, see `calib.planning.plan`."""
-PLAN_CRITERIA = ("I", "D")
 """Optimality criteria of a plan for a calibration, see `calib.planning.criterion`."""
 NEW_ARM_POSES = 20
 """Training poses of an arm that is left out of its fleet, by which its fit begins from the others' type."""

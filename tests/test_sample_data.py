@@ -19,7 +19,7 @@ from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.measurement.measured_points import with_corners
 from calib.scans.scan import load_scan
-from calib.simulation.measured_dataset import Simulation
+from calib.simulation.simulate import Simulation
 from calib.simulation.truth.equilibrium import scanner_T_target
 from calib.statistics import rms
 from tests.support import ROOT

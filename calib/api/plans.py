@@ -38,7 +38,6 @@ def plan(
     options: FitOptions | None = None,
     *,
     purpose: str = CALIBRATION,
-    criterion: str = "I",
     region: str = "auto",
     effects: EffectChoice | Sequence[EffectChoice] = (),
     user_effects: Sequence[Family] = (),
@@ -57,13 +56,12 @@ def plan(
         options: options of the fit of a dataset or robot.
         purpose: "calibration", "split" (effects that a diagnosis left confounded), one that a plug-in brings ("watch",
             check poses; "prove", a cause by changing a condition), or names of effects with commas between.
-        criterion: "I" (least error over the region) or "D" (best known parameters), for a calibration.
         region: poses at which the error is predicted: "auto", "test", "measurable" or "all", see `plan_poses`.
         effects: effects that the model of a dataset has; the diagnosis is then left out.
         user_effects: families beyond the catalogue.
         payload_kg: payload that the arm may carry at some poses, for effects that a load shows.
         noise_mm: standard deviation per coordinate of a measured point, mm, for a robot that was never measured.
-        base_T_scanner: (4, 4) pose of the scanner, where it is set up anew.
+        base_T_scanner: (4, 4) pose of the scanner beside a robot that was never measured; None: before the arm.
         seed: seed of the candidate poses.
         on_step: called with a line of text before each stage of a diagnosis.
         **keywords: fields of `FitOptions`, in place of those of `options`.
@@ -82,12 +80,14 @@ def plan(
         options = fit_options(options, keywords)
     scanner = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)
     asked = purposes().get(purpose)
-    design = None if asked and asked.of_diagnosis else criterion_of(purpose, criterion, payload_kg=payload_kg)
+    design = None if asked and asked.of_diagnosis else criterion_of(purpose, payload_kg=payload_kg)
     if isinstance(known, Dataset):
         known = measured(known, orientation=options.residual == "pose")
     robot = None
     if not isinstance(known, Dataset | FittedResult):
         robot = FromRobot(workcell_of_robot(load_robot(known), base_T_scanner=scanner), noise_mm, options)
+    elif scanner is not None:
+        raise CalibError("further poses are measured from where the scanner stood last; leave out base_T_scanner")
     if asked and design is None:
         known = _diagnosed(known, asked, options, effects, user_effects, on_step)
         task = task_of_diagnosis(asked, known, count, payload_kg)
@@ -98,13 +98,11 @@ def plan(
         if robot is not None:
             start, usual = robot, FIRST_SET
         elif isinstance(known, FittedResult):
-            start = FromFit(without_blunders(known.calibration), scanner)
+            start = FromFit(without_blunders(known.calibration))
         else:
             assert isinstance(known, Dataset)
             members = effects_named(known, effects, user_effects)
-            start = start_of_dataset(
-                known, options, effects=members, user_effects=user_effects, base_T_scanner=scanner, on_step=on_step
-            )
+            start = start_of_dataset(known, options, effects=members, user_effects=user_effects, on_step=on_step)
         task = PlanTask(start, usual if count is None else count, design)
     return plan_poses(
         task.start, task.count, criterion=task.criterion, region=region, user_effects=user_effects, seed=seed

@@ -18,11 +18,10 @@ from calib.effects.effect import Family
 from calib.measurement.measured_points import with_corners
 from calib.options import DEFAULT_FOLDS, FitFields, FitOptions
 from calib.progress import OnProgress, OnStep, counted
-from calib.targets.batch import find_targets
+from calib.targets.search import find_targets
 from calib.validation.acceptance import Check, check_of
 from calib.validation.comparison import Comparison, comparison_of
-from calib.validation.cross_validation import CrossValidation, cross_validation_of
-from calib.validation.learning_curve import LearningCurve, learning_curve_of
+from calib.validation.cross_validation import CrossValidation, LearningCurve, cross_validation_of, learning_curve_of
 from calib.validation.repeat import Recurrence, recurrence_of
 
 

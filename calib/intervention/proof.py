@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,10 +21,12 @@ from calib.brief import Brief
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import effects_for
+from calib.effects.catalogue.loads import ToolSag
 from calib.effects.effect import (
     CatalogueEffect,
     Effect,
     Family,
+    NaturalBound,
     Parameter,
     describe,
     exceeded_bound,
@@ -31,15 +34,39 @@ from calib.effects.effect import (
     full_name,
 )
 from calib.effects.gravity import has_masses
+from calib.effects.state import RobotState
 from calib.errors import FitError
-from calib.intervention.differences import Differences, differences_of
-from calib.intervention.displacements import PairDisplacements, displacements_of
+from calib.intervention.differences import Differences, PairDisplacements, differences_of, displacements_of
 from calib.intervention.pairs import APPROACH, PAYLOAD, SETUP, TARGET, TIME, PairedPoses, find_pairs
-from calib.intervention.payload_sag import ToolSagUnderPayload
 from calib.kinematics.robot import Robot
 from calib.screening.evidence import FamilyColumns, evaluate_family
 from calib.screening.leverage import changes_without_each
 from calib.statistics import f_sf, group_numbers
+
+
+@dataclass(frozen=True)
+class ToolSagUnderPayload(ToolSag):
+    """A tool that gives way to what it carries: it moves by payload times R diag(c) R^T g."""
+
+    equation = "target moves by payload R diag(c) R^T g"
+    symbols = (("c", "mm/kg"),)
+    needs = "payload_kg that varies"
+    bounds = (NaturalBound(1.0, "mm/kg", "a tool that gives way so much is loose"),)
+    under_load: ClassVar[bool] = True
+    parameters = tuple(
+        Parameter(f"{a}_mm_per_kg", "mm/kg", 0.02, f"sag under 1 kg with gravity along the tool's {a}") for a in "xyz"
+    )
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """Robot state with the target displaced, by as much as each pose's payload."""
+        payload_kg = state.poses.payload_kg
+        if payload_kg is None:
+            return state
+        per_kg = dict(zip(("x_mm", "y_mm", "z_mm"), values.values(), strict=True))
+        unloaded = replace(state, displacement_mm=np.zeros((1, 3)))
+        sag_mm = super().apply(unloaded, **per_kg).displacement_mm
+        return state.displace(payload_kg[:, None] * sag_mm)
+
 
 MIN_LEAD = 3.5
 """Log evidence by which the best explanation without a cause has to be worse; with 3.5 one of 400 cases is wrong."""

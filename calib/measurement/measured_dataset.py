@@ -19,7 +19,7 @@ def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
     # 60 modules, of the way from a scan to its corner, which a fit of measured points does without
     from calib.measurement.measured_points import failed_searches, require_corners, with_corners
     from calib.targets.assignment import assign_targets
-    from calib.targets.batch import find_targets
+    from calib.targets.search import find_targets
 
     searches = find_targets(dataset, intermediate=False)
     require_corners(dataset, searches)

@@ -17,13 +17,19 @@ from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
 from calib.identifiability.structural import fewest_poses
 from calib.kinematics.joint_range import random_poses
-from calib.options import PLAN_CRITERIA, PLAN_REGIONS
-from calib.planning.criterion import DesignCriterion, DesignProblem, ForCalibration, PlanTask
-from calib.planning.effect_criterion import ForEffects
+from calib.options import PLAN_REGIONS
+from calib.planning.criterion import (
+    DesignCriterion,
+    DesignProblem,
+    ForCalibration,
+    ForEffects,
+    Outcome,
+    PlanTask,
+    PoseReason,
+)
 from calib.planning.exchange import best_poses
-from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
-from calib.planning.purpose import CALIBRATION, PlanPurpose, purposes
+from calib.planning.purpose import PlanPurpose, purposes
 from calib.planning.start import Start
 from calib.planning.ways import JointPath, ways_to
 from calib.plugins import load
@@ -142,8 +148,7 @@ def plan_poses(
     chosen = criterion.choose(problem, count)
     curve_mm = _curve(problem, chosen)
     none = np.zeros(0, dtype=np.int64)
-    placed_anew = start.measured is None or start.setup not in start.measured.setup
-    if placed_anew:
+    if start.measured is None:
         now = predicted_once_placed(problem.region, unknowns, unknowns.noise_dof, rng)
         curve_mm[0] = now.geometry_mm
     else:
@@ -165,7 +170,7 @@ def plan_poses(
         now=now,
         then=then,
         curve_mm=curve_mm,
-        enough=enough_poses(curve_mm, first=1 if placed_anew else 0),
+        enough=enough_poses(curve_mm, first=1 if start.measured is None else 0),
         model=unknowns.model.family_names,
         outcome=criterion.outcome(problem, chosen),
         fewest_for_fit=_fewest_for_fit(start, count),
@@ -304,26 +309,20 @@ def new_ids(count: int, taken: Sequence[str]) -> tuple[str, ...]:
 # ---- a plan from whatever is known ----------------------------------------------------------------------------------
 
 
-def criterion_of(name: str, optimality: str = "I", *, payload_kg: float | None = None) -> DesignCriterion:
+def criterion_of(name: str, *, payload_kg: float | None = None) -> DesignCriterion:
     """Criterion for a name: a purpose that is planned for from any fit, or effects separated by commas.
 
     Raises CalibError where the name is of none. Other purposes take a diagnosis: `task_of_diagnosis`.
     """
-    if optimality not in PLAN_CRITERIA:
-        raise CalibError(f"no criterion {optimality!r}; there are {' and '.join(PLAN_CRITERIA)}")
     names = tuple(dict.fromkeys(part.strip() for part in name.split(",") if part.strip()))
     of_any_fit = {purpose.name: purpose.criterion for purpose in purposes().values() if purpose.criterion}
     if len(names) == 1 and names[0] in of_any_fit:
         if payload_kg is not None:
             raise CalibError(f"--payload-kg is for effects that a load shows; --for {name} is planned without")
-        if names[0] == CALIBRATION:
-            return ForCalibration(optimality)
         criterion: DesignCriterion = load(of_any_fit[names[0]])()
         return criterion
     if not names or of_any_fit.keys() & set(names):
         raise CalibError(f"--for {name}: give {', '.join(of_any_fit)}, or effects with commas between")
-    if optimality != PLAN_CRITERIA[0]:
-        raise CalibError(f"--criterion {optimality} is of a calibration; leave it out with --for {name}")
     return ForEffects(names, payload_kg)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Poses
-from calib.planning.question import inverse
+from calib.planning.exchange import inverse
 from calib.planning.unknowns import Unknowns
 from calib.statistics import covariance_root
 

@@ -41,7 +41,7 @@ _OWN = (
         SPLIT,
         "settle what the diagnosis left open",
         "split (settle a set that a diagnosis left open)",
-        of_diagnosis="calib.planning.discrimination_criterion:task_of_confounded",
+        of_diagnosis="calib.planning.discrimination:task_of_confounded",
     ),
 )
 

@@ -27,15 +27,13 @@ from calib.planning.unknowns import (
     DEFAULT_NOISE_MM,
     Unknowns,
     require_points,
-    require_scanner_in_room,
     unknowns_of_fit,
     unknowns_of_robot,
 )
 from calib.screening.blunders import without_blunders
+from calib.workcell.candidates import candidate_poses
 from calib.workcell.known_cell import workcell_of_dataset
 from calib.workcell.workcell import Workcell
-
-NEW_SETUP = "new"
 
 
 class Start(Protocol):
@@ -84,10 +82,9 @@ class DiagnosedModel:
 
 @dataclass(frozen=True)
 class FromFit(Brief):
-    """Start from a calibration; the next poses are measured from its last scanner station or a new one."""
+    """Start from a calibration; the next poses are measured from its last scanner station."""
 
     calibration: Calibration
-    base_T_scanner: Array | None = None  # (4, 4) pose of the scanner at a new station; None: the last one
     diagnosed: DiagnosedModel | None = None  # where a diagnosis chose the calibration's model
 
     @property
@@ -100,19 +97,8 @@ class FromFit(Brief):
         """Measured poses, test poses included."""
         return self.calibration.dataset.poses
 
-    @property
+    @cached_property
     def setup(self) -> str:
-        """Name of the scanner's last station, or a free name for a new one."""
-        if self.base_T_scanner is None:
-            return self._last_setup
-        names = set(map(str, self.measured.setup))
-        number = 1
-        while (name := NEW_SETUP if number == 1 else f"{NEW_SETUP}{number}") in names:
-            number += 1
-        return name
-
-    @property
-    def _last_setup(self) -> str:
         """Name of the scanner station of the training pose that was measured last."""
         poses, points = self.calibration.fitted_dataset.poses, self.calibration.fitted_dataset.points
         assert points is not None
@@ -121,26 +107,19 @@ class FromFit(Brief):
 
     @cached_property
     def cell(self) -> Workcell:
-        """Cell with the fitted robot, and the scanner placed by the fit or at the new station."""
-        last = self._last_setup
+        """Cell with the fitted robot, and the scanner placed by the fit."""
         fitted = replace(self.dataset, robot=self.calibration.robot)
-        placed = frames.invert(self.calibration.after.scanner_T_base[last])
-        cell = workcell_of_dataset(fitted, parent_T_scanner=placed, setup=last)
-        return cell if self.base_T_scanner is None else replace(cell, base_T_scanner=self.base_T_scanner)
+        placed = frames.invert(self.calibration.after.scanner_T_base[self.setup])
+        return workcell_of_dataset(fitted, parent_T_scanner=placed, setup=self.setup)
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
         """Unknowns of the fit, including the coefficients of further effects."""
-        return self._unknowns_with(effects) if effects else self._unknowns
+        return unknowns_of_fit(self.calibration, effects=effects) if effects else self._unknowns
 
     @cached_property
     def _unknowns(self) -> Unknowns:
         """Unknowns of the fit alone, cached because a plan asks for them several times."""
-        return self._unknowns_with(())
-
-    def _unknowns_with(self, effects: Sequence[Effect]) -> Unknowns:
-        """Unknowns of the fit, the coefficients of further effects, and the frame of a new station."""
-        new_station = None if self.base_T_scanner is None else {self.setup: frames.invert(self.base_T_scanner)}
-        return unknowns_of_fit(self.calibration, effects=effects, scanner_T_base=new_station)
+        return unknowns_of_fit(self.calibration)
 
     def poses_at(self, q: Array) -> Poses:
         """Training poses at joints q (N, n), with conditions of the measured poses, as at the latest time."""
@@ -208,7 +187,6 @@ def start_of_dataset(
     *,
     effects: Sequence[Effect] = (),
     user_effects: Sequence[Family] = (),
-    base_T_scanner: Array | None = None,
     on_step: Callable[[str], None] | None = None,
 ) -> FromFit:
     """Start from the fit of a dataset, or from its diagnosis where the residual is above the declared noise.
@@ -220,18 +198,68 @@ def start_of_dataset(
         options: options of the fit.
         effects: effects that the model has; the diagnosis is then left out.
         user_effects: families beyond the catalogue.
-        base_T_scanner: (4, 4) pose of the scanner for the new poses, where it is set up anew.
         on_step: called with a line of text before each stage of a diagnosis.
 
-    Raises FitError where lengths were measured, or a scanner on the flange is to be set up in the room.
+    Raises FitError where lengths were measured.
     """
     require_points(dataset)
-    if base_T_scanner is not None:
-        require_scanner_in_room(dataset)
     calibration = without_blunders(fit_measured(dataset, options, effects=effects))
     check = check_sigma(calibration)
     if effects or check.verdict != "excess" or not check.declared_mm:
-        return FromFit(calibration, base_T_scanner)
+        return FromFit(calibration)
     diagnosis = whole_diagnosis(SearchSpace.of(dataset, options, user_effects=user_effects), on_step)
     diagnosed = DiagnosedModel(check.sigma_mm / check.declared_mm, diagnosis.verdict == "ambiguous")
-    return FromFit(diagnosis.calibration, base_T_scanner, diagnosed)
+    return FromFit(diagnosis.calibration, diagnosed)
+
+
+OFFERED = 400
+
+
+def offered_poses(calibration: Calibration, *, count: int = OFFERED) -> Poses:
+    """Candidate poses that can be measured next from the scanner's first station.
+
+    Where no such pose is found, they lie within the ranges of the measured joints.
+    """
+    rng = np.random.default_rng(0)
+    dataset = calibration.dataset
+    measured = dataset.poses
+    setup, scanner_T_base = next(iter(calibration.after.scanner_T_base.items()))
+    try:
+        cell = workcell_of_dataset(dataset, parent_T_scanner=frames.invert(scanner_T_base), setup=setup)
+        q = candidate_poses(cell, count, rng=rng)
+    except CalibError:
+        q = rng.uniform(measured.q.min(axis=0), measured.q.max(axis=0), (count, measured.q.shape[1]))
+    poses = conditions_at(measured, q)
+    offered = replace(poses, role=np.full(count, "train"), setup=np.full(count, setup))
+    return under_conditions(offered, measured)
+
+
+def under_conditions(poses: Poses, measured: Poses, payloads_kg: tuple[float, ...] = ()) -> Poses:
+    """Poses with payload, temperature and approach drawn from the range of the measured poses.
+
+    Payload and temperature are at either end of their range, and each joint is approached from either side, where that
+    was recorded.
+
+    Args:
+        poses: to be measured.
+        measured: poses whose conditions vary as the new ones shall.
+        payloads_kg: payloads to draw from, where that of the measured poses does not vary.
+    """
+    rng = np.random.default_rng(0)
+    payload_kg, temperature_c = (
+        rng.choice(ends, len(poses)) if ends else None
+        for ends in (_ends(measured.payload_kg) or payloads_kg, _ends(measured.temperature_c))
+    )
+    return replace(
+        poses,
+        payload_kg=poses.payload_kg if payload_kg is None else payload_kg,
+        temperature_c=poses.temperature_c if temperature_c is None else temperature_c,
+        approach=None if measured.approach is None else rng.choice([-1.0, 1.0], poses.q.shape),
+    )
+
+
+def _ends(values: Array | None) -> tuple[float, ...]:
+    """Least and largest value of a pose condition (such as payload); () where it does not vary."""
+    if values is None or not np.ptp(values) > 0.0:
+        return ()
+    return float(values.min()), float(values.max())

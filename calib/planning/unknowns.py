@@ -106,15 +106,12 @@ class Unknowns:
         return Observations(poses, points, covariance, self.scanner_T_base, carried_by=arm)
 
 
-def unknowns_of_fit(
-    calibration: Calibration, *, effects: Sequence[Effect] = (), scanner_T_base: Mapping[str, Array] | None = None
-) -> Unknowns:
+def unknowns_of_fit(calibration: Calibration, *, effects: Sequence[Effect] = ()) -> Unknowns:
     """Unknowns of a fit, and coefficients of further effects with a prior of zero within their usual size.
 
     Args:
         calibration: the fit.
         effects: effects that the fit does not have.
-        scanner_T_base: (4, 4) by name, stations of the scanner that were not measured from yet.
     """
     dataset = calibration.fitted_dataset
     model = calibration.model
@@ -125,13 +122,12 @@ def unknowns_of_fit(
     noise = max(noise, _FINEST_MM / declared_sigma_mm(dataset))
     require_points(dataset)
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
-    measured_stations = {name: calibration.after.scanner_T_base[name] for name in sorted(set(map(str, observed.setup)))}
     points = dataset.points
     assert points is not None
     prior = _before_measuring(
         model,
         x,
-        {**measured_stations, **(scanner_T_base or {})},
+        {name: calibration.after.scanner_T_base[name] for name in sorted(set(map(str, observed.setup)))},
         covariance_mm2=noise**2 * _usual_covariance_mm2(dataset, points),
         targets=tuple(sorted(observed.targets)),
         noise_shape=dataset.noise,
@@ -236,9 +232,3 @@ def require_points(dataset: Dataset) -> None:
     """Raise FitError where lengths were measured in place of points."""
     if dataset.points is not None and dataset.points.lengths is not None:
         raise FitError(f"dataset {dataset.name}: its points are lengths; poses are planned for measured points alone")
-
-
-def require_scanner_in_room(dataset: Dataset) -> None:
-    """Raise FitError where the arm carries the scanner, so that it cannot be set up anew beside the arm."""
-    if dataset.robot.carries_scanner:
-        raise FitError(f"dataset {dataset.name}: the scanner is on the flange; plan without another place for it")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
@@ -18,13 +18,20 @@ from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.joint_range import joint_range, random_poses, wrapped
 from calib.kinematics.robot import Robot
-from calib.simulation.scene import CUBE_CORNER
-from calib.workcell.jig_on_tool import JigGoals, jig_outward, target_T_jig
+from calib.kinematics.tool_point import tip_T_last
+from calib.simulation.scanner import CUBE_CORNER
+from calib.workcell.candidates import PointingGoals
+from calib.workcell.jig_on_tool import jig_outward, target_T_jig
 from calib.workcell.measurable import incidence_cosines
 from calib.workcell.scan_field import JANG_FIELD, tilted
-from calib.workcell.scanner_place import in_front
+from calib.workcell.scanner_place import in_front, random_reach_mm
 
 MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight, where poses are drawn
+_BATCH, _BATCH_IN_ROOM = 512, 256  # goals and starts at once, of a jig on the arm and of one in the room
+_JIG_TRIES = 14  # positions of a jig in the room that are tried
+_GOOD_SHARE = 0.1  # of a batch that succeeds at a position that is taken at once
+_CLEARANCE_MM = 120.0  # of the arm's frames from the line of sight of a scanner on the flange
+_LOWEST_MM = 60.0  # height of the arm's frames over its base
 
 
 def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
@@ -97,17 +104,22 @@ def spread_poses(q: Array, count: int) -> NDArray[np.intp]:
 
 def scan_poses(
     robot: Robot,
-    base_T_scanner: ArrayLike,
+    parent_T_scanner: Array,
     count: int,
     *,
     rng: np.random.Generator,
     jig: Jig = CUBE_CORNER,
-    start_q: ArrayLike | None = None,
+    base_T_jig: Array | None = None,
+    start_q: Array | None = None,
 ) -> Array:
-    """Random poses (count, n) that hold the jig in the scanner's field with all three faces turned towards the scanner.
+    """Random poses (count, n) with the jig in the scanner's field and all three faces turned towards the scanner.
 
     Apex and jig axis are drawn, the turn about the axis is free, and the joints follow by damped least squares from
     random starts: over the whole range, or some 0.4 rad around one of `start_q` (S, n), which keeps its configuration.
+
+    Args:
+        parent_T_scanner: (4, 4) in the base frame, or in the flange's where the jig is fixed in the room.
+        base_T_jig: (4, 4) of a jig fixed in the room; None: it is on the arm.
 
     Raises:
         CalibError: too few such poses exist.
@@ -120,49 +132,122 @@ def scan_poses(
                 f"robot {robot.name}: found {total} of {count} poses that turn the jig at the scanner "
                 f"in {tried} tries; check its limits and tool row, or simulate points instead of scans"
             )
-        batch = 512
-        tried += batch
-        apex_mm = JANG_FIELD.draw(batch, rng)
-        axis = tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), MAX_TILT_DEG, rng)
-        q = random_poses(robot, batch, rng=rng)
-        if start_q is not None:
-            starts = np.atleast_2d(np.asarray(start_q, dtype=float))
-            q = starts[rng.integers(len(starts), size=batch)] + 0.4 * rng.standard_normal(q.shape)
-        batches.append(usable_poses(robot, np.asarray(base_T_scanner, float), apex_mm, axis, q, jig))
-        total += len(batches[-1])
+        batches.append(_drawn_poses(robot, parent_T_scanner, rng, jig, base_T_jig, start_q))
+        tried, total = tried + _BATCH, total + len(batches[-1])
     return np.concatenate(batches)[:count]
 
 
-def usable_poses(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q: Array, jig: Jig) -> Array:
-    """Joint vectors that reach their goals, within limits, clear of obstacles, with all faces in view."""
-    outward = -axis @ base_T_scanner[:3, :3].T
-    along_z = np.array([0.0, 0.0, jig_outward(robot)])
-    goals = JigGoals(robot, along_z, apply(base_T_scanner, apex_mm), outward)
-    rule = FROM_ANYWHERE if robot.is_revolute.all() else replace(FROM_ANYWHERE, longest_step=np.inf)
+def _drawn_poses(
+    robot: Robot,
+    parent_T_scanner: Array,
+    rng: np.random.Generator,
+    jig: Jig,
+    base_T_jig: Array | None,
+    start_q: Array | None = None,
+) -> Array:
+    """Usable poses (K, n) that result from one batch of random goals and starts, see `scan_poses`."""
+    batch = _BATCH if base_T_jig is None else _BATCH_IN_ROOM
+    apex_mm = JANG_FIELD.draw(batch, rng)
+    axis = tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), MAX_TILT_DEG, rng)
+    q = random_poses(robot, batch, rng=rng)
+    if start_q is not None:
+        q = start_q[rng.integers(len(start_q), size=batch)] + 0.4 * rng.standard_normal(q.shape)
+    return usable_poses(robot, parent_T_scanner, apex_mm, axis, q, jig, base_T_jig)
+
+
+def usable_poses(
+    robot: Robot,
+    parent_T_scanner: Array,
+    apex_mm: Array,
+    axis: Array,
+    q: Array,
+    jig: Jig,
+    base_T_jig: Array | None = None,
+) -> Array:
+    """Joint vectors that reach their goals from starts q, within limits, clear of obstacles, with all faces in view.
+
+    The goals are apexes and axes of the jig (N, 3), in the scanner's frame.
+    """
+    place_mm, along = apply(parent_T_scanner, apex_mm), axis @ parent_T_scanner[:3, :3].T
+    if base_T_jig is None:
+        flange_T_jig = invert(tip_T_last(robot)) @ target_T_jig(robot)
+        goals = PointingGoals(robot, flange_T_jig[:3, 3], flange_T_jig[:3, 2], place_mm, along)
+    else:
+        goals = PointingGoals(robot, place_mm, along, base_T_jig[:3, 3], base_T_jig[:3, 2])
+    longest = FROM_ANYWHERE.longest_step if robot.is_revolute.all() else np.inf
     anywhere = np.full_like(q, np.inf)
+    rule = replace(FROM_ANYWHERE, longest_step=longest, by_normal_equations=True)
     q = solve_inverse(goals, q, -anywhere, anywhere, rule)
-    reached = goals.reached(q)
     low, high = joint_range(robot)
+    usable = goals.reached(nominal_chain(robot, q))
     q = np.where(robot.is_revolute, wrapped(q, low), q)
-    reached &= np.all((q >= low) & (q <= high), axis=1)
+    q = q[usable & np.all((q >= low) & (q <= high), axis=1)]
     chain = nominal_chain(robot, q)
-    _, normals = jig_geometry(jig)
-    base_T_jig = chain.base_T_frame[:, -1] @ target_T_jig(robot)
-    cos_incidence = incidence_cosines(base_T_jig, normals, base_T_scanner[:3, 3])
-    seen = np.all(cos_incidence > np.cos(np.radians(JANG_FIELD.max_incidence_deg)), axis=1)
-    return q[reached & seen & _is_clear(robot, chain, base_T_scanner)]
+    if base_T_jig is None:
+        base_T_scanner = np.broadcast_to(parent_T_scanner, (len(q), 4, 4))
+        placed = chain.base_T_frame[:, -1] @ target_T_jig(robot)
+        clear = _holds_clear(robot, chain, parent_T_scanner)
+    else:
+        base_T_scanner = chain.base_T_flange @ parent_T_scanner
+        placed = np.broadcast_to(base_T_jig, (len(q), 4, 4))
+        clear = _looks_clear(chain, base_T_scanner, base_T_jig[:3, 3])
+    cosine = incidence_cosines(placed, jig_geometry(jig)[1], base_T_scanner[:, :3, 3])
+    return q[clear & np.all(cosine > np.cos(np.radians(JANG_FIELD.max_incidence_deg)), axis=1)]
 
 
-def _is_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> BoolArray:
+def _holds_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> BoolArray:
     """Mask (N,) of poses with frames above the table, wrist off the base column, and no frame in front of the jig.
 
-    A check on frame origins only: it rejects folded arms and is no collision check.
+    A check on frame origins only, as the next: it rejects folded arms and is no collision check.
     """
     origins_mm = chain.base_T_frame[:, 1:-1, :3, 3]  # (N, n, 3)
-    above = np.all(origins_mm[:, 1:, 2] > 60.0, axis=1)
+    above = np.all(origins_mm[:, 1:, 2] > _LOWEST_MM, axis=1)
     wrist_off = np.all(np.linalg.norm(origins_mm[:, -2:, :2], axis=2) > 150.0, axis=1)
     scanner_T_base = invert(base_T_scanner)
-    depth_mm = apply(scanner_T_base, origins_mm.reshape(-1, 3))[:, 2].reshape(origins_mm.shape[:2])
     apex_depth_mm = apply(scanner_T_base, chain.target_mm)[:, 2]
-    behind = np.all(depth_mm > apex_depth_mm[:, None] - 1e-6, axis=1)
+    behind = np.all(apply(scanner_T_base, origins_mm)[..., 2] > apex_depth_mm[:, None] - 1e-6, axis=1)
     return above & wrist_off & behind if robot.n_joints > 3 else above
+
+
+def _looks_clear(chain: Chain, base_T_scanner: Array, apex_mm: Array) -> BoolArray:
+    """Mask (N,) of the poses with all frames and the scanner above the base, and no frame near the line of sight.
+
+    Frames as near to the scanner as its flange are beside its lens and do not count.
+    """
+    origins_mm = chain.base_T_frame[:, 1:-1, :3, 3]  # (N, n, 3)
+    above = np.all(origins_mm[:, 1:, 2] > _LOWEST_MM, axis=1) & (base_T_scanner[:, 2, 3] > _LOWEST_MM)
+    from_eye_mm = origins_mm - base_T_scanner[:, None, :3, 3]
+    sight = apex_mm - base_T_scanner[:, :3, 3]
+    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+    along_mm = np.einsum("nki,ni->nk", from_eye_mm, sight)
+    aside_mm = np.linalg.norm(from_eye_mm - along_mm[..., None] * sight[:, None], axis=2)
+    return np.asarray(above & ~np.any((along_mm > _CLEARANCE_MM) & (aside_mm < _CLEARANCE_MM), axis=1))
+
+
+def draw_jig_in_view(
+    robot: Robot, flange_T_scanner: Array, *, rng: np.random.Generator, jig: Jig = CUBE_CORNER
+) -> Array:
+    """Random base_T_jig (4, 4): on a table before the arm, tilted by up to 35 deg, in view of a scanner on the flange.
+
+    Raises:
+        CalibError: no pose has it in view.
+    """
+    best, most = np.eye(4), 0
+    for _ in range(_JIG_TRIES):
+        place_mm = random_reach_mm(robot) * rng.uniform([0.3, -0.25, -0.15], [0.65, 0.25, 0.1])
+        z = -tilted(np.array([[0.0, 0.0, 1.0]]), 35.0, rng)[0]
+        x = np.cross([0.0, 1.0, 0.0], z)
+        x /= np.linalg.norm(x)
+        about = rotation_from_rotvec(rng.uniform(-np.pi, np.pi) * z)
+        base_T_jig = make_transform(about @ np.column_stack([x, np.cross(z, x), z]), place_mm)
+        count = len(_drawn_poses(robot, flange_T_scanner, rng, jig, base_T_jig))
+        if count > most:
+            best, most = base_T_jig, count
+        if most >= _GOOD_SHARE * _BATCH_IN_ROOM:
+            break
+    if most:
+        return best
+    raise CalibError(
+        f"robot {robot.name}: with the scanner on its flange no pose looks at a jig on a table before it, at "
+        f"{_JIG_TRIES} places tried; check its limits, or simulate points instead of scans"
+    )

@@ -1,20 +1,26 @@
-"""Search of one scan for all targets by the finder of each kind, with the places found and reasons for failures."""
+"""Search of scans for all targets by the finder of each kind, with the places found and reasons for failures."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
+from calib.blas_threads import one_blas_thread
+from calib.corners.batch import CornerBatch, corners_of, declared_noise, searched_scan
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
+from calib.dataset.dataset import Dataset
 from calib.errors import TargetError
 from calib.jig import Jig
+from calib.progress import OnProgress
 from calib.scans.scan import Scan
 from calib.target_shapes import DeclaredTarget, OwnShape, Socket, Sphere, Spheres
-from calib.targets.protocol.finder import FoundPoint, TargetFinder, Wanted
-from calib.targets.protocol.user_file import UserFinder, checked_answer
+from calib.targets.protocol.finder import FoundPoint, TargetFinder, UserFinder, Wanted, checked_answer, load_finder
 from calib.targets.spheres.constellation import find_constellation
 from calib.targets.spheres.socket import find_socket
 from calib.targets.spheres.sphere_finder import find_spheres
@@ -123,3 +129,49 @@ def _call_finder(finder: UserFunction | UserFinder, scan: Scan, wanted: Wanted) 
     if isinstance(finder, UserFinder):
         return finder(scan, wanted)
     return checked_answer(finder, scan, wanted, getattr(finder, "__name__", "finder"))
+
+
+def find_targets(
+    dataset: Dataset,
+    *,
+    finder: UserFunction | UserFinder | None = None,
+    on_progress: OnProgress | None = None,
+    executor: Executor | None = None,
+    in_flight: int = 64,
+    intermediate: bool = True,
+) -> CornerBatch:
+    """All targets of a dataset in every pose's scan, by pose id; with a single jig the result of `find_corners`.
+
+    `finder(scan, wanted)` is a function of the caller's, for targets of shape "own", or for all where there is none of
+    that shape (`calib.targets.protocol`); with processes it has to be one that can be pickled. Where it is None, the
+    dataset's `finder_file` is used, if any. The other arguments are those of `find_corners`.
+    """
+    search = partial(
+        search_targets_file,
+        targets=dataset.all_targets,
+        scan_sigma_mm=dataset.scanner.scan_sigma_mm,
+        finder=finder or finder_of(dataset),
+        declared=declared_noise(dataset.scanner),
+        intermediate=intermediate,
+    )
+    return corners_of(dataset, on_progress=on_progress, executor=executor, in_flight=in_flight, search=search)
+
+
+def finder_of(dataset: Dataset) -> UserFinder | None:
+    """Finder of the user's own file that was given for a dataset. Raises CalibError where the file is no finder."""
+    return None if dataset.finder_file is None else load_finder(dataset.finder_file)
+
+
+@one_blas_thread()
+def search_targets_file(
+    path: Path,
+    targets: Sequence[DeclaredTarget],
+    scan_sigma_mm: float | None = None,
+    finder: UserFunction | UserFinder | None = None,
+    *,
+    declared: DeclaredNoise = NOTHING_DECLARED,
+    intermediate: bool = True,
+) -> CornerSearch:
+    """Search for targets in a scan file; a file that cannot be read gives a failed search with `unreadable` set."""
+    find = partial(find_targets_in, targets=targets, scan_sigma_mm=scan_sigma_mm, finder=finder, declared=declared)
+    return searched_scan(path, find, intermediate=intermediate)

@@ -35,9 +35,8 @@ from calib.presented import Presented
 from calib.progress import OnStep
 from calib.scans.scan import PointCount
 from calib.targets.search import ScanSearch
-from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
+from calib.validation.cross_validation import SUSPICIOUS, noise_ratio, training_groups
 from calib.validation.remounting import Remounting, remounting
-from calib.validation.splits import training_groups
 
 MAX_SIGMA_RATIO = 100.0
 """Residual sigma over the declared sigma, beyond which the arm is not calibrated, whatever the improvement."""
@@ -241,8 +240,7 @@ def check_of(
     on_step: OnStep | None = None,
 ) -> Check:
     """Acceptance check of a dataset and the searches that its points come from, if any: see `calib.check`."""
-    items = [CheckItem("dataset", None, warning, warning=True) for warning in dataset.warnings]
-    items += [CheckItem("dataset", None, note) for note in dataset.notes]
+    items = _told(dataset.warnings, dataset.notes)
     if searches:
         items += thin_scans({pose: s.count for pose, s in searches.items() if s.count is not None})
         items.append(_corners(searches))
@@ -256,7 +254,8 @@ def check_of(
         items.append(CheckItem("fit", None if repeats else False, TooFewPoses(len(groups), needed)))
     else:
         calibration = fit_measured(dataset, options, effects=effects)
-        items += _of_repeat_groups(dataset, calibration.fitted_dataset)
+        fitted = calibration.fitted_dataset  # in which repeats at one pose are averaged
+        items += _told(fitted.warnings[len(dataset.warnings) :], fitted.notes[len(dataset.notes) :])
         items += _fit(calibration, max_test_rmse_mm)
         try:
             usual = options.with_residual(dataset.usual_residual)
@@ -273,9 +272,8 @@ def check_of(
     return Check(dataset, tuple(items), calibration, repeats, diagnosis)
 
 
-def _of_repeat_groups(given: Dataset, fitted: Dataset) -> list[CheckItem]:
-    """Check items on repeated measurements at one pose, which the fit averages."""
-    warnings, notes = fitted.warnings[len(given.warnings) :], fitted.notes[len(given.notes) :]
+def _told(warnings: Sequence[str], notes: Sequence[str]) -> list[CheckItem]:
+    """Check items on what is told of a dataset."""
     return [
         *(CheckItem("dataset", None, warning, warning=True) for warning in warnings),
         *(CheckItem("dataset", None, note) for note in notes),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, IndexArray
@@ -19,7 +18,7 @@ from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import ending_at_tool_point
 from calib.plugins import contributions, load
 from calib.workcell.bodies.arm_bodies import FIXED, ArmBodies, arm_bodies
-from calib.workcell.bodies.link_mesh import load_link_mesh
+from calib.workcell.bodies.link_mesh import LinkMesh, load_link_mesh
 from calib.workcell.jig_on_tool import target_T_jig, with_jig
 from calib.workcell.measurable import (
     BOX,
@@ -34,9 +33,8 @@ from calib.workcell.measurable import (
 )
 from calib.workcell.scan_field import JANG_FIELD, MAX_INCIDENCE_DEG, BoxField, ScanField, evident_field
 from calib.workcell.scanner_place import fitted_scanner_place, likely_scanner_place
-from calib.workcell.view_of_target import seen_target
 from calib.workcell.view_rules import ViewRule
-from calib.workcell.workcell import Workcell
+from calib.workcell.workcell import InView, RoomTarget, Workcell, seen_target
 
 CUBE_CORNER = Jig()
 NOTHING_KNOWN = Surroundings()
@@ -50,7 +48,7 @@ _UNSEEN_DEG = 85.0  # a face that is measured is not steeper
 def workcell_of_robot(
     robot: Robot,
     *,
-    base_T_scanner: ArrayLike | None = None,
+    base_T_scanner: Array | None = None,
     jig: Jig | None = CUBE_CORNER,
     field: ScanField | BoxField | None = None,
     surroundings: Surroundings = NOTHING_KNOWN,
@@ -85,28 +83,42 @@ def workcell_of_robot(
         at = ", ".join(f"{v:.0f}" for v in base_T_scanner[:3, 3])
         looks = ", ".join(f"{v:.2f}" for v in base_T_scanner[:3, 2])
         notes.append(f"scanner: assumed at ({at}) mm of the base, looking along ({looks})")
-    low, high = joint_range(robot)
-    notes += _limits_note(robot)
-    bodies = arm_bodies(robot, jig, tool_T_jig)
+    return _cell(
+        robot, np.zeros((0, robot.n_joints)), surroundings, [*notes, *_limits_note(robot)], jig=jig,
+        tool_T_jig=tool_T_jig, field=field, bodies=arm_bodies(robot, jig, tool_T_jig), base_T_scanner=base_T_scanner,
+    )  # fmt: skip
+
+
+def _cell(
+    robot: Robot,
+    q: Array,
+    surroundings: Surroundings,
+    notes: list[str],
+    *,
+    jig: Jig | None,
+    tool_T_jig: Array,
+    field: ScanField | BoxField | None,
+    bodies: ArmBodies,
+    base_T_scanner: Array | None = None,
+    flange_T_scanner: Array | None = None,
+    room_target: RoomTarget | None = None,
+    in_view: InView | None = None,
+) -> Workcell:
+    """Cell with bodies as thick as measured poses q (N, n) allow, and with the declared or a likely floor and boxes."""
+    reached = np.concatenate([q, joint_range(robot)])
     cell = Workcell(
-        robot=robot,
-        low=low,
-        high=high,
-        jig=jig,
-        tool_T_jig=tool_T_jig,
-        base_T_scanner=None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float),
-        field=field,
-        bodies=bodies,
-        floor_z_mm=surroundings.floor_z_mm,
-        boxes=surroundings.boxes,
+        robot, reached.min(axis=0), reached.max(axis=0), jig, tool_T_jig, base_T_scanner, field, bodies,
         least_manipulability=surroundings.least_manipulability,
-        notes=(*notes, _bodies_note(bodies)),
-    )
-    return _with_likely_floor(cell, np.zeros((0, robot.n_joints)))
+        notes=tuple(notes if in_view is None else [*notes, in_view.note]),
+        flange_T_scanner=flange_T_scanner, room_target=room_target, in_view=in_view,
+    )  # fmt: skip
+    cell = _as_thick_as_measured(cell, q)
+    cell = replace(cell, floor_z_mm=surroundings.floor_z_mm, boxes=surroundings.boxes)
+    return _with_likely_floor(_with_doubt_of_declared(cell, q), q)
 
 
 def workcell_of_dataset(
-    dataset: Dataset, *, parent_T_scanner: ArrayLike | None = None, setup: str | None = None
+    dataset: Dataset, *, parent_T_scanner: Array | None = None, setup: str | None = None
 ) -> Workcell:
     """Cell in which a dataset was measured; `notes` list what its points imply and what is assumed.
 
@@ -122,13 +134,14 @@ def workcell_of_dataset(
         CalibError: an unknown setup, a joint without range, or a mesh that cannot be read.
     """
     dataset = replace(dataset, robot=ending_at_tool_point(dataset.robot))
-    names = list(dict.fromkeys(str(name) for name in dataset.poses.setup))
-    if setup is not None and setup not in names:
+    names = list(dict.fromkeys(map(str, dataset.poses.setup)))
+    setup = names[0] if setup is None else setup
+    if setup not in names:
         raise CalibError(f"dataset {dataset.name}: no setup {setup!r}; its setups are {', '.join(names)}")
     if dataset.robot.carries_scanner:
-        return _cell_of_carried_scanner(dataset, parent_T_scanner, names[0] if setup is None else setup)
+        return _cell_of_carried_scanner(dataset, parent_T_scanner, setup)
     base_T_scanner = parent_T_scanner
-    measured = _Measured.of(dataset, names[0] if setup is None else setup)
+    measured = _Measured.of(dataset, setup)
     jig = dataset.jig if dataset.shows_faces else None
     surroundings = dataset.surroundings
     if len(measured.rows) < 3 and base_T_scanner is None:
@@ -138,48 +151,33 @@ def workcell_of_dataset(
     if base_T_scanner is None:
         base_T_scanner = fitted_scanner_place(measured.base_mm, measured.scanner_mm)
         notes.append(f"scanner: where the robot's own table has it by {len(measured.base_mm)} points")
-    base_T_scanner = np.asarray(base_T_scanner, dtype=float)
     apex_mm = frames.apply(frames.invert(base_T_scanner), measured.chain.target_mm)
     field, field_note = evident_field(dataset.scanner, apex_mm)
-    notes.append(field_note)
-    low, high = joint_range(dataset.robot)
-    notes += _limits_note(dataset.robot)
+    notes += [field_note, *_limits_note(dataset.robot)]
     tool_T_jig = target_T_jig(dataset.robot)
     if jig is not None:
         tool_T_jig, jig, faces = _mounted(jig, tool_T_jig, measured.chain, base_T_scanner[:3, 3])
         notes += faces
-    meshes = {i: mesh for i in range(dataset.robot.n_joints) if (mesh := load_link_mesh(dataset, i)) is not None}
-    cell = Workcell(
-        robot=dataset.robot,
-        low=np.minimum(low, measured.q.min(axis=0)),
-        high=np.maximum(high, measured.q.max(axis=0)),
-        jig=jig,
-        tool_T_jig=tool_T_jig,
-        base_T_scanner=base_T_scanner,
-        field=field,
-        bodies=arm_bodies(dataset.robot, jig, tool_T_jig, meshes),
-        least_manipulability=surroundings.least_manipulability,
-        notes=tuple(notes),
-    )
-    cell = _with_view(cell, dataset, names[0] if setup is None else setup)
-    return _among_surroundings(cell, surroundings, measured.q)
+    return _cell(
+        dataset.robot, measured.q, surroundings, notes, jig=jig, tool_T_jig=tool_T_jig, field=field,
+        bodies=arm_bodies(dataset.robot, jig, tool_T_jig, _meshes(dataset)), base_T_scanner=base_T_scanner,
+        in_view=_in_view(dataset, setup),
+    )  # fmt: skip
 
 
-def _with_view(cell: Workcell, dataset: Dataset, setup: str) -> Workcell:
-    """Cell in which an instrument of a plug-in has to see what it saw, where one measured the dataset."""
+def _in_view(dataset: Dataset, setup: str) -> InView | None:
+    """What an instrument of a plug-in has to see, where one measured the dataset."""
     found = (load(rule.of_dataset)(dataset, setup) for rule in contributions(ViewRule))
-    in_view = next((each for each in found if each is not None), None)
-    return cell if in_view is None else replace(cell, in_view=in_view, notes=(*cell.notes, in_view.note))
+    return next((each for each in found if each is not None), None)
 
 
-def _among_surroundings(cell: Workcell, surroundings: Surroundings, measured_q: Array) -> Workcell:
-    """Cell with bodies as thick as measured poses (N, n) allow, and with the declared or a likely floor and boxes."""
-    cell = _as_thick_as_measured(cell, measured_q)
-    cell = replace(cell, floor_z_mm=surroundings.floor_z_mm, boxes=surroundings.boxes)
-    return _with_likely_floor(_with_doubt_of_declared(cell, measured_q), measured_q)
+def _meshes(dataset: Dataset) -> dict[int, LinkMesh]:
+    """Meshes of the links that have one, by the joint from 0 that moves each."""
+    found = {joint: load_link_mesh(dataset, joint) for joint in range(dataset.robot.n_joints)}
+    return {joint: mesh for joint, mesh in found.items() if mesh is not None}
 
 
-def _cell_of_carried_scanner(dataset: Dataset, flange_T_scanner: ArrayLike | None, setup: str) -> Workcell:
+def _cell_of_carried_scanner(dataset: Dataset, flange_T_scanner: Array | None, setup: str) -> Workcell:
     """Cell of an arm that carries the scanner past a target in the room, as its measured poses show it.
 
     The target can be seen from the cone of directions from which it was seen. Raises CalibError with too few points.
@@ -198,7 +196,6 @@ def _cell_of_carried_scanner(dataset: Dataset, flange_T_scanner: ArrayLike | Non
         found = solve_hand_eye(chain.base_T_flange, points.xyz_mm, at_setup, points.target, turns)
         robot, flange_T_scanner = with_world_targets(robot, found.position_mm), found.flange_T_scanner[setup]
         notes.append(f"scanner: on the flange where the robot's own table has it by {len(points)} points")
-    flange_T_scanner = np.asarray(flange_T_scanner, dtype=float)
     here = points.select(at_setup == setup)
     names, counts = np.unique(here.target, return_counts=True)
     name = str(names[np.argmax(counts)])
@@ -214,26 +211,12 @@ def _cell_of_carried_scanner(dataset: Dataset, flange_T_scanner: ArrayLike | Non
         "as it was measured and a little more"
     )
     field, field_note = evident_field(dataset.scanner, here.xyz_mm)
-    low, high = joint_range(robot)
-    meshes = {i: mesh for i in range(robot.n_joints) if (mesh := load_link_mesh(dataset, i)) is not None}
     tool_T_jig = target_T_jig(robot)
-    surroundings = dataset.surroundings
-    cell = Workcell(
-        robot=robot,
-        low=np.minimum(low, q.min(axis=0)),
-        high=np.maximum(high, q.max(axis=0)),
-        jig=None,
-        tool_T_jig=tool_T_jig,
-        base_T_scanner=None,
-        field=field,
-        bodies=arm_bodies(robot, None, tool_T_jig, meshes, flange_T_scanner),
-        least_manipulability=surroundings.least_manipulability,
-        notes=(*notes, field_note, *_limits_note(robot)),
-        flange_T_scanner=flange_T_scanner,
-        room_target=target,
-    )
-    cell = _with_view(cell, dataset, setup)
-    return _among_surroundings(cell, surroundings, q)
+    return _cell(
+        robot, q, dataset.surroundings, [*notes, field_note, *_limits_note(robot)], jig=None, tool_T_jig=tool_T_jig,
+        field=field, bodies=arm_bodies(robot, None, tool_T_jig, _meshes(dataset), flange_T_scanner),
+        flange_T_scanner=flange_T_scanner, room_target=target, in_view=_in_view(dataset, setup),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -348,7 +331,7 @@ def _without_doubtful_hiding(cell: Workcell, bodies: ArmBodies, q: Array) -> tup
 
 def _refused(cell: Workcell, q: Array, reasons: tuple[str, ...]) -> float:
     """Share of the poses that are refused for the given reasons."""
-    return float(np.mean(np.isin(measurable(cell, q).reason, reasons)))
+    return float(np.mean(np.isin(measurable(cell, q).reason, reasons))) if len(q) else 0.0
 
 
 def _with_doubt_of_declared(cell: Workcell, q: Array) -> Workcell:
@@ -370,7 +353,7 @@ def _with_likely_floor(cell: Workcell, measured_q: Array) -> Workcell:
     floor = replace(cell, floor_z_mm=0.0)
     upright = down[2] < -0.9 and robot.joints[0].is_revolute and robot.base_T_first[2, 3] >= 0.0
     above = cell.base_T_scanner is None or cell.base_T_scanner[2, 3] > 0.0
-    if not upright or not above or (len(measured_q) and _refused(floor, measured_q, (FLOOR,)) > _MOST_REFUSED):
+    if not upright or not above or _refused(floor, measured_q, (FLOOR,)) > _MOST_REFUSED:
         return replace(cell, notes=(*cell.notes, "floor: not known; add [cell] floor_z_mm to dataset.toml"))
     return replace(
         floor, notes=(*cell.notes, "floor: the base's plane z = 0, assumed; [cell] floor_z_mm declares another")

@@ -16,7 +16,6 @@ from calib.kinematics.chain import Chain, joint_jacobian
 from calib.workcell.bodies.arm_bodies import reach_mm, touching
 from calib.workcell.bodies.distances import between_segments, pass_box, to_box
 from calib.workcell.bodies.sight import hidden_by_arm, on_faces
-from calib.workcell.view_of_target import in_view_mm
 from calib.workcell.workcell import Workcell
 
 LIMIT = "beyond a joint's limit"
@@ -86,10 +85,21 @@ class _ArmPoses:
         return replace(self, q=self.q[rows], chain=chain)
 
     @property
+    def base_T_scanner(self) -> Array | None:
+        """Frames (N, 4, 4) of the scanner; None where its place is not known."""
+        return self.cell.scanner_at(self.chain)
+
+    @property
     def eye_mm(self) -> Array | None:
         """Positions (N, 3) of the scanner, base frame; None where it is not known."""
-        placed = self.cell.scanner_at(self.chain)
+        placed = self.base_T_scanner
         return None if placed is None else placed[:, :3, 3]
+
+    @property
+    def target_mm(self) -> Array:
+        """Positions (N, 3) of the jig's apex or of the target in the room, base frame."""
+        target = self.cell.room_target
+        return self.chain.target_mm if target is None else np.broadcast_to(target.place_mm, (len(self.q), 3))
 
     @property
     def base_T_jig(self) -> Array:
@@ -98,10 +108,8 @@ class _ArmPoses:
 
     def jig_points_mm(self) -> Array:
         """Points (N, P, 3) that the scanner has to see, base frame: points on the faces, or the target itself."""
-        if self.cell.room_target is not None:
-            return np.broadcast_to(self.cell.room_target.place_mm, (len(self.q), 1, 3))
         if self.cell.jig is None:
-            return self.chain.target_mm[:, None]
+            return self.target_mm[:, None]
         return on_faces(self.base_T_jig, jig_geometry(self.cell.jig)[0])
 
 
@@ -113,24 +121,12 @@ def _beyond_limit(at: _ArmPoses) -> BoolArray:
 
 def _outside_field(at: _ArmPoses) -> BoolArray | None:
     """Mask (N,): whether what is to be seen is outside the scanner's field; None where the field is not known."""
-    outside = _target_outside_field(at)
-    if at.cell.in_view is None:
-        return outside
-    cut = ~at.cell.in_view.shows_all(at.chain.base_T_flange)
-    return cut if outside is None else cut | outside
-
-
-def _target_outside_field(at: _ArmPoses) -> BoolArray | None:
-    """Mask (N,): whether the apex is outside the scanner's field; None where the field is not known."""
-    if at.cell.field is None:
-        return None
-    if at.cell.room_target is not None:
-        placed = at.cell.scanner_at(at.chain)
-        assert placed is not None
-        return ~at.cell.field.contains(in_view_mm(placed, at.cell.room_target.place_mm))
-    if at.cell.base_T_scanner is None:
-        return None
-    return ~at.cell.field.contains(apply(invert(at.cell.base_T_scanner), at.chain.target_mm))
+    cut = None if at.cell.in_view is None else ~at.cell.in_view.shows_all(at.chain.base_T_flange)
+    placed = at.base_T_scanner
+    if at.cell.field is None or placed is None:
+        return cut
+    outside = ~at.cell.field.contains(apply(invert(placed), at.target_mm))
+    return outside if cut is None else cut | outside
 
 
 def _too_steep(at: _ArmPoses) -> BoolArray | None:

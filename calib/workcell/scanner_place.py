@@ -18,10 +18,15 @@ _FACING = 0.8  # cosine of its jig's axis to the line of sight
 _FEW = 8  # such poses
 
 
+def random_reach_mm(robot: Robot) -> float:
+    """Distance from the base, mm, of the farthest of 2000 random poses' tool points."""
+    q = random_poses(robot, 2000, rng=np.random.default_rng(0))
+    return float(np.linalg.norm(nominal_chain(robot, q).target_mm, axis=1).max())
+
+
 def in_front(robot: Robot) -> tuple[Array, Array]:
     """Centre (3,), mm, base frame, of an arm's reach in front of it, and orientation (3, 3) of a scanner facing it."""
-    q = random_poses(robot, 2000, rng=np.random.default_rng(0))
-    reach_mm = float(np.linalg.norm(nominal_chain(robot, q).target_mm, axis=1).max())
+    reach_mm = random_reach_mm(robot)
     looking_back = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # columns: scanner x, y, z in base
     return np.array([0.47 * reach_mm, 0.0, 0.42 * reach_mm]), looking_back
 

@@ -1,4 +1,4 @@
-"""Cell of an arm as a value: the arm, the jig, the scanner's pose and field, and obstacles.
+"""Cell of an arm as a value: the arm, the jig, the scanner's pose and field, what it looks at, and obstacles.
 
 Either the scanner stands in the room and the arm carries the jig, or the arm carries the scanner and the jig stands.
 """
@@ -17,7 +17,34 @@ from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.robot import Robot
 from calib.workcell.bodies.arm_bodies import ArmBodies
 from calib.workcell.scan_field import BoxField, ScanField
-from calib.workcell.view_of_target import RoomTarget
+
+_WIDER_DEG = 5.0  # than the measured directions is the cone from which the target can be seen
+_WIDEST_DEG = 180.0
+
+
+@dataclass(frozen=True)
+class RoomTarget:
+    """A target fixed in the room, and the cone of directions from which it can be seen."""
+
+    place_mm: Array  # (3,) base frame
+    outward: Array  # (3,) unit, base frame: the cone's axis, from the target to where it is seen from
+    within_deg: float  # half the cone's opening
+
+    def sees(self, eye_mm: Array) -> BoolArray:
+        """Mask (N,): whether the target can be seen from places (N, 3), base frame."""
+        sight = eye_mm - self.place_mm
+        cosine = sight @ self.outward / np.maximum(np.linalg.norm(sight, axis=1), 1e-9)
+        return cosine >= np.cos(np.radians(self.within_deg))
+
+
+def seen_target(place_mm: Array, eye_mm: Array) -> RoomTarget:
+    """Target at a place (3,) seen from places (N, 3): the cone around the mean direction, 5 deg wider than measured."""
+    sight = eye_mm - place_mm
+    sight /= np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
+    outward = sight.mean(axis=0)
+    outward /= max(float(np.linalg.norm(outward)), 1e-9)
+    farthest_deg = float(np.degrees(np.arccos(np.clip(sight @ outward, -1.0, 1.0)).max()))
+    return RoomTarget(place_mm, outward, min(farthest_deg + _WIDER_DEG, _WIDEST_DEG))
 
 
 class InView(Protocol):

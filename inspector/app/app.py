@@ -22,7 +22,6 @@ from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.imports import Imports
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.plan_controller import PlanController
-from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import SceneController
 from inspector.app.page.dataset_list import have_scans, listed_folders, names_of
@@ -76,7 +75,6 @@ class App:
         self.stage = SceneController(
             server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint
         )
-        self.selection = Selection(self.state, panels, self.stage)
         self.stage.scene.on_box(self.box)
         self.model = ModelController(
             self.state, panels, user_effects, {} if saved is None else {start: saved.session},
@@ -102,15 +100,19 @@ class App:
             own, targets = panels.own_data.upload, panels.downloads.targets
             arriving = ((own, self.imports.arrived), (targets, self.downloads.correct))
             take_uploads(server, arriving, self.imports.uploads)
-        server.requests.on("pose", self.select_id)
-        server.requests.on("tabs", self.tabs)
-        server.requests.on("look", self.look_from)
-        server.requests.on("find", lambda _: self.find(True))
-        server.requests.on("joint", lambda number: self.select_joint(whole_number(number)))
-        server.requests.on("effect", self.select_effect)
-        server.requests.on("planned", lambda number: self.select_planned(whole_number(number)))
-        server.requests.on("settle", lambda _: self.settle())
-        server.requests.on("step", lambda number: self.show_step(whole_number(number)))
+        asked: dict[str, Callable[[str], None]] = {
+            "pose": self.select_id,
+            "tabs": self.tabs,
+            "look": self.look_from,
+            "find": lambda _: self.find(True),
+            "joint": lambda number: self.select_joint(whole_number(number)),
+            "effect": self.select_effect,
+            "planned": lambda number: self.select_planned(whole_number(number)),
+            "settle": lambda _: self.settle(),
+            "step": lambda number: self.show_step(whole_number(number)),
+        }
+        for name, answer in asked.items():
+            server.requests.on(name, answer)
         server.on_client_connect(self._count_pages)
         server.on_client_disconnect(self._count_pages)
         self.open(start)
@@ -247,21 +249,21 @@ class App:
 
     def select_joint(self, number: int | None) -> None:
         """Select a joint by its number, counted from 1; the selected one again, or None, deselects."""
-        self.worker.submit("joint", lambda: self.selection.joint(number))
+        self.worker.submit("joint", lambda: self.stage.joint(number))
 
     def box(self, is_in_box: Callable[[Array], BoolArray] | None) -> None:
         """Select the poses in a box that was drawn over the 3D view; None clears the box."""
         if self.state.view is not None:
-            self.worker.submit("box", lambda: self.selection.box(is_in_box))
+            self.worker.submit("box", lambda: self.stage.box(is_in_box))
 
     def between(self, share: float) -> None:
         """Draw the arrows between those of the model a step before (0) and those of the model on show (1)."""
-        self.worker.submit("between", lambda: self.stage.comparison.residuals.between(share))
+        self.worker.submit("between", lambda: self.stage.residuals.between(share))
 
     def show_step(self, number: int | None) -> None:
         """Show the model after a step, 0 for the nominal robot."""
         if number is not None:
-            self.worker.submit("version", lambda: self.selection.step(number))
+            self.worker.submit("version", lambda: self.stage.step(number))
 
     def step(self, by: int) -> None:
         """Select a later pose, or an earlier one for a negative number; repeated presses add up."""
@@ -310,19 +312,19 @@ class App:
 
     def version(self, name: str) -> None:
         """Show the arm and the errors of a version of the model."""
-        self.worker.submit("version", lambda: self.selection.version(name))
+        self.worker.submit("version", lambda: self.stage.version(name))
 
     def prediction(self, name: str, shown: bool) -> None:
         """Show or hide the points that a version of the model predicts."""
-        self.worker.submit(("prediction", name), lambda: self.stage.comparison.show(name, shown))
+        self.worker.submit(("prediction", name), lambda: self.stage.show_prediction(name, shown))
 
     def pairs(self, name: str) -> None:
         """Show the arrows of all poses, or of paired poses those before or after the change, or what it moved."""
-        self.worker.submit("pairs", lambda: self.stage.comparison.show_pairs(name))
+        self.worker.submit("pairs", lambda: self.stage.show_pairs(name))
 
     def colouring(self, by: str) -> None:
         """Colour the measured points by their pose's role or by their error."""
-        self.worker.submit("colouring", lambda: self.stage.comparison.colour_by(by))
+        self.worker.submit("colouring", lambda: self.stage.colour_by(by))
 
     def grey_rejected(self, grey: bool) -> None:
         """Draw plane groups that were not chosen in grey, or each in its own colour."""

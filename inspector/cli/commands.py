@@ -25,16 +25,16 @@ CORE = (
     Command("diagnose", f"{_OPTIONS}.fits:DiagnoseOptions", "inspector.cli.fit_commands:run_diagnose"),
     Command("compare", f"{_OPTIONS}.fits:CompareOptions", "inspector.cli.compare_command:run_compare"),
     Command("repeat", f"{_OPTIONS}.fits:RepeatOptions", "inspector.cli.compare_command:run_repeat"),
-    Command("plan", f"{_OPTIONS}.planning:PlanOptions", "inspector.cli.planning.plan_command:run_plan"),
+    Command("plan", f"{_OPTIONS}.fits:PlanOptions", "inspector.cli.planning.plan_command:run_plan"),
     Command("report", f"{_OPTIONS}.fits:ReportOptions", "inspector.cli.fit_commands:run_report"),
     Command("figures", f"{_OPTIONS}.fits:FiguresOptions", "inspector.cli.fit_commands:run_figures"),
     Command("effects", f"{_OPTIONS}.datasets:EffectsOptions", "inspector.cli.dataset_commands:run_effects"),
     Command("sample", f"{_OPTIONS}.datasets:SampleOptions", "inspector.cli.robots.sample_command:run_sample"),
     Command("simulate", f"{_OPTIONS}.datasets:SimulateOptions", "inspector.cli.robots.simulate_command:run_simulate"),
     Command("check", f"{_OPTIONS}.fits:CheckOptions", "inspector.cli.fit_commands:run_check"),
-    Command("convert", f"{_OPTIONS}.robots:ConvertOptions", "inspector.cli.robots.convert_command:run_convert"),
-    Command("where", f"{_OPTIONS}.robots:WhereOptions", "inspector.cli.robots.where_command:run_where"),
-    Command("import", f"{_OPTIONS}.robots:ImportOptions", "inspector.cli.robots.import_command:run_import"),
+    Command("convert", f"{_OPTIONS}.datasets:ConvertOptions", "inspector.cli.robots.convert_command:run_convert"),
+    Command("where", f"{_OPTIONS}.datasets:WhereOptions", "inspector.cli.robots.convert_command:run_where"),
+    Command("import", f"{_OPTIONS}.datasets:ImportOptions", "inspector.cli.robots.import_command:run_import"),
 )
 
 PIP_EXTRAS = (

@@ -31,8 +31,8 @@ from calib.rendering.blocks import Paragraph
 from calib.rendering.text import block_text
 from calib.strict_json import to_json
 from calib.targets.assignment import assign_targets
-from calib.targets.batch import find_targets
-from calib.targets.protocol.user_file import load_finder
+from calib.targets.protocol.finder import load_finder
+from calib.targets.search import find_targets
 from inspector.cli.options.datasets import CornersOptions, RedundancyOptions, ServeOptions
 from inspector.cli.options.shared import Output, WithLeaveOut
 from inspector.cli.output_paths import check_outputs

@@ -16,7 +16,7 @@ from calib.html_text import escape
 from calib.planning.plan import Plan
 from calib.present.names import ROLES
 from calib.rendering.numbers import parameter_label
-from calib.validation.learning_curve import LearningCurve
+from calib.validation.cross_validation import LearningCurve
 from inspector.figures.robust_axis import within_range
 from inspector.figures.style import (
     EDGE,

@@ -7,7 +7,7 @@ the arm's reach. Everything is mm in the base frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,6 @@ from calib.calibration.model_versions import Version
 from calib.dataset.dataset import Poses
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
-from calib.kinematics.robot import Robot
 from calib.workcell.bodies.arm_bodies import reach_mm
 
 THICKNESS = 0.040  # radius of the first joint over the arm's reach
@@ -49,19 +48,11 @@ class ArmShape:
 
     def moved(self, a_T_base: ArrayLike) -> ArmShape:
         """The same solids expressed in frame a, for example the scanner's."""
-        a_T_base = np.asarray(a_T_base, dtype=float)
-        return ArmShape(
-            frames.apply(a_T_base, self.start_mm),
-            frames.apply(a_T_base, self.end_mm),
-            self.radius_mm,
-            self.part,
-            self.link,
-            frames.apply(a_T_base, self.ball_mm),
-            self.ball_radius_mm,
-            self.ball_link,
-            a_T_base @ self.base_T_link,
-            frames.apply(a_T_base, self.tip_mm),
+        start_mm, end_mm, ball_mm, tip_mm = (
+            frames.apply(a_T_base, places) for places in (self.start_mm, self.end_mm, self.ball_mm, self.tip_mm)
         )
+        base_T_link = np.asarray(a_T_base, dtype=float) @ self.base_T_link
+        return replace(self, start_mm=start_mm, end_mm=end_mm, ball_mm=ball_mm, tip_mm=tip_mm, base_T_link=base_T_link)
 
 
 def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scanner: Array | None = None) -> ArmShape:
@@ -71,20 +62,41 @@ def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scan
     scanner reports leave it alone. `flange_T_scanner` (4, 4): of a scanner that it carries.
     """
     state = model.state(x, poses)
-    robot = model.robot
-    solids = _Solids(robot, 1e-3 * reach_mm(robot))
-    base_T_frame = _row(state.chain.base_T_frame, pose)
-    turned_x = _row(state.chain.turned_x, pose)
-    for i in range(robot.n_joints + 1):
-        solids.add_link(i, base_T_frame[i], base_T_frame[i + 1], turned_x[i])
-    flange = base_T_frame[-2]
+    robot, n = model.robot, model.robot.n_joints
+    base_T_frame, turned_x = _row(state.chain.base_T_frame, pose), _row(state.chain.turned_x, pose)
+    shortest_mm, first = 1e-3 * reach_mm(robot), THICKNESS * reach_mm(robot)
+    joint_radius = np.linspace(first, LAST_THICKNESS * first, n + 1)
+    radius = joint_radius * np.append(np.full(n, LINK_THICKNESS), TOOL_THICKNESS)
+    # Each row of the table: along the joint's axis to the knee, then across it.
+    start, end, every = base_T_frame[:-1, :3, 3], base_T_frame[1:, :3, 3], np.arange(n + 1)
+    knee = end - np.sum((end - start) * turned_x, axis=1)[:, None] * turned_x
+    bends = np.minimum(*(np.linalg.norm(knee - other, axis=1) for other in (start, end))) > shortest_mm
+    half = 0.5 * JOINT_LENGTH * joint_radius[:-1, None] * base_T_frame[:-2, :3, 2]
     on_arm = [target.name for target in robot.targets if not target.in_world]
     carried = [state.target_offsets_mm[name] for name in on_arm]
     if flange_T_scanner is not None:
         carried.append(flange_T_scanner[:3, 3])
-    for offset_mm in carried:
-        solids.strut(robot.n_joints, flange[:3, 3], frames.apply(flange, offset_mm), "tool")
-    return solids.shape(base_T_frame).moved(_base_motion(state, pose))
+    held = frames.apply(base_T_frame[-2], np.reshape(carried, (-1, 3)))
+    starts = np.concatenate([start[:-1] - half, start, knee, np.broadcast_to(base_T_frame[-2, :3, 3], held.shape)])
+    ends = np.concatenate([start[:-1] + half, knee, end, held])
+    link = np.concatenate([every[:-1], every, every, np.full(len(held), n)])
+    part = np.where(link == n, "tool", "link").astype("<U9")
+    part[:n] = np.where(robot.is_revolute, "revolute", "prismatic")
+    thick = np.where(np.arange(len(link)) < n, joint_radius[link], radius[link])
+    kept = np.flatnonzero((np.arange(len(link)) < n) | (np.linalg.norm(ends - starts, axis=1) > shortest_mm))
+    kept = kept[np.argsort(link[kept], kind="stable")]
+    return ArmShape(
+        starts[kept],
+        ends[kept],
+        thick[kept],
+        part[kept],
+        link[kept],
+        knee[bends],
+        radius[bends],
+        every[bends],
+        base_T_frame[1:-1],
+        base_T_frame[-1, :3, 3],
+    ).moved(_base_motion(state, pose))
 
 
 def arm_of(version: Version, pose: int) -> ArmShape | None:
@@ -105,53 +117,3 @@ def _base_motion(state: RobotState, pose: int) -> Array:
     """Motion of the base at a pose by the model's effects (`RobotState.place`), as a transform (4, 4)."""
     turn = frames.rotation_from_rotvec(_row(state.base_rotvec_rad, pose))
     return frames.make_transform(turn, _row(state.displacement_mm, pose))
-
-
-class _Solids:
-    """Collector of the cylinders and balls of an arm."""
-
-    def __init__(self, robot: Robot, shortest_mm: float) -> None:
-        self._robot, self._shortest_mm = robot, shortest_mm
-        first = THICKNESS * reach_mm(robot)
-        self._joint_radius = np.linspace(first, LAST_THICKNESS * first, robot.n_joints + 1)
-        self._cylinders: list[tuple[Array, Array, float, str, int]] = []
-        self._balls: list[tuple[Array, float, int]] = []
-
-    def add_link(self, i: int, previous: Array, current: Array, turned_x: Array) -> None:
-        """Add joint i and its link, or the tool, between two frames (4, 4); x_axis (3,): x after the joint's turn."""
-        start, axis, end = previous[:3, 3], previous[:3, 2], current[:3, 3]
-        if i < self._robot.n_joints:
-            radius = float(self._joint_radius[i])
-            half = 0.5 * JOINT_LENGTH * radius * axis
-            part = "revolute" if self._robot.joints[i].is_revolute else "prismatic"
-            self._cylinders.append((start - half, start + half, radius, part, i))
-        part = "link" if i < self._robot.n_joints else "tool"
-        knee = end - float((end - start) @ turned_x) * turned_x
-        self.strut(i, start, knee, part)
-        self.strut(i, knee, end, part)
-        if min(np.linalg.norm(knee - start), np.linalg.norm(end - knee)) > self._shortest_mm:
-            self._balls.append((knee, self._thickness(i, part), i))
-
-    def strut(self, i: int, start: Array, end: Array, part: str) -> None:
-        """Add one straight piece, unless its length is zero."""
-        if np.linalg.norm(end - start) > self._shortest_mm:
-            self._cylinders.append((start, end, self._thickness(i, part), part, i))
-
-    def _thickness(self, i: int, part: str) -> float:
-        share = TOOL_THICKNESS if part == "tool" else LINK_THICKNESS
-        return share * float(self._joint_radius[i])
-
-    def shape(self, base_T_frame: Array) -> ArmShape:
-        start, end, radius, part, link = zip(*self._cylinders, strict=True)
-        return ArmShape(
-            np.array(start),
-            np.array(end),
-            np.array(radius),
-            np.array(part),
-            np.array(link),
-            np.array([b[0] for b in self._balls]).reshape(-1, 3),
-            np.array([b[1] for b in self._balls], dtype=float),
-            np.array([b[2] for b in self._balls], dtype=np.int64),
-            base_T_frame[1:-1],
-            base_T_frame[-1, :3, 3],
-        )

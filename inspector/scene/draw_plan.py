@@ -11,8 +11,8 @@ from calib.calibration.model_versions import Version
 from calib.dataset.dataset import Poses
 from calib.workcell.scan_field import BoxField, ScanField
 from inspector.markup.parts.palette import GOOD, HIGHLIGHT, MEASURE, rgb
-from inspector.scene import model_nodes
 from inspector.scene.arm_shape import ArmShape, arm_shape
+from inspector.scene.draw_model import Solids, arm_nodes
 from inspector.scene.scene_view import Nodes, Pen, SceneView, frustum_edges
 from inspector.session.planned import Planned
 from inspector.session.view import View
@@ -26,7 +26,7 @@ class PlanDrawing:
 
     def __init__(self, scene: SceneView) -> None:
         self._scene = scene
-        self._solids = model_nodes.Solids(lambda joint: None)
+        self._solids = Solids(lambda joint: None)
 
     def draw(self, view: View, planned: Planned | None) -> None:
         """Draw a plan; nothing for None, or where the scanner has another place at the pose on show."""
@@ -34,7 +34,7 @@ class PlanDrawing:
         setup = str(view.session.dataset.poses.setup[view.pose])
         if planned is None or version is None or setup != planned.plan.start.setup:
             self._scene.clear(PLAN)
-            self._solids = model_nodes.Solids(lambda joint: None)
+            self._solids = Solids(lambda joint: None)
             return
         plan, placed = planned.plan, planned.scanner_T_base
         at_mm = frames.apply(placed, version.model.predict(version.x, plan.poses))
@@ -55,11 +55,11 @@ class PlanDrawing:
                 return nodes
             text = f"{plan.poses.ids[k]}, planned"
             of_arm = Pen(pen.api, pen.of("arm"))
-            return [*nodes, *model_nodes.arm(of_arm, self._solids, shape, GOOD, text, all_in=GOOD)]
+            return [*nodes, *arm_nodes(of_arm, self._solids, shape, GOOD, text, all_in=GOOD)]
 
         self._scene.draw(PLAN, make)
         if shape is None:
-            self._solids = model_nodes.Solids(lambda joint: None)
+            self._solids = Solids(lambda joint: None)
 
 
 def _planned_arm(version: Version, poses: Poses, pose: int) -> ArmShape:

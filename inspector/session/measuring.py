@@ -16,7 +16,7 @@ from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import RESIDUAL_KINDS
 from calib.served_process import within_limits
-from calib.targets.batch import finder_of, search_targets_file
+from calib.targets.search import finder_of, search_targets_file
 from inspector.session.session import Session, untested
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import msgspec
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
@@ -22,7 +20,7 @@ from calib.options import FitOptions
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session, StepErrors
-from inspector.session.session_file import FIGURES, Saved, SavedStep, SessionFileError, saved_history
+from inspector.session.session_file import Saved, SavedStep, SessionFileError
 
 SAME = 1e-6  # share by which a figure may differ and still be the same
 
@@ -110,15 +108,13 @@ def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
 def replayed(session: Session, history: Sequence[SavedStep]) -> Session:
     """Steps of a saved model fitted again to the present measurements; the saved figures are not read.
 
-    Steps that the session has already, from the first on, are taken over as they are.
-
     Raises CalibError for an effect or a pose that the dataset does not have.
     """
     selections = _selections(history, session.measured, session.user_effects)
     if any(step.residual == "pose" for step in history[1:]):
         session = measuring.with_face_labels(session)
-    steps = list(_in_common(session, history))
-    for step, selected in list(zip(history, selections, strict=True))[1 + len(steps) :]:
+    steps: list[FitStep] = []
+    for step, selected in list(zip(history, selections, strict=True))[1:]:
         measured = replace(session, left_out=_to_leave_out(session, step)).measured_for(step.residual)
         dataset = without_poses(measured, step.left_out) if step.left_out else measured
         selected = relearned(selected, steps) if steps else selected
@@ -127,14 +123,6 @@ def replayed(session: Session, history: Sequence[SavedStep]) -> Session:
         steps.append(FitStep(step.label, selected, fit, left_out=step.left_out, on_behalf_of=step.on_behalf_of))
     session = replace(session, left_out=_to_leave_out(session, history[-1]))
     return sessions.with_steps(session, steps) if steps else session
-
-
-def _in_common(session: Session, history: Sequence[SavedStep]) -> Iterator[FitStep]:
-    """Steps of the session that a saved model also has."""
-    for step, ours, saved in zip(session.steps, saved_history(session)[1:], history[1:], strict=False):
-        if ours != msgspec.structs.replace(saved, **dict(zip(FIGURES, ours.figures, strict=True))):
-            return
-        yield step
 
 
 def _to_leave_out(session: Session, step: SavedStep) -> tuple[str, ...]:

@@ -76,12 +76,6 @@ class SavedStep(msgspec.Struct, frozen=True):
         return self.train_rmse_mm, self.test_rmse_mm, self.sigma_mm
 
 
-class SavedModel(msgspec.Struct, frozen=True):
-    """A model that undo leads to after a session was opened: its steps, the nominal robot first."""
-
-    history: tuple[SavedStep, ...]
-
-
 class SavedDataset(msgspec.Struct, frozen=True):
     """Name, folder and fingerprint of the session's dataset."""
 

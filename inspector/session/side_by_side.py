@@ -18,7 +18,7 @@ from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.screening.blunders import without_blunders
 from calib.served_process import within_limits
-from calib.targets.batch import find_targets
+from calib.targets.search import find_targets
 from calib.validation.comparison import Comparison, comparison_of
 from inspector.session.session import Session
 

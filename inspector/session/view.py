@@ -11,7 +11,7 @@ from calib.array_types import Array
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version, fitted_version
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
-from calib.intervention.displacements import PairDisplacements
+from calib.intervention.differences import PairDisplacements
 from calib.options import RESIDUAL_KINDS
 from calib.targets.search import ScanSearch
 from inspector.session.session import Session

@@ -15,7 +15,7 @@ from calib.errors import FitError
 from calib.fitting.observations import conditions_at
 from calib.options import FitOptions, parameter_name
 from calib.planning.effect_hypotheses import EffectHypothesis, predict
-from calib.planning.offered_poses import offered_poses
+from calib.planning.start import offered_poses
 from calib.rendering.numbers import parameter_label
 from calib.screening.candidates import Candidate
 from calib.simulation.simulate import simulate_dataset

@@ -21,8 +21,7 @@ from calib.effects.effect import full_name
 from calib.errors import CalibError
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
-from calib.simulation.measured_dataset import Simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset
 
 LATER = catalogue_names()[16:]  # the first sixteen are asked for in test_stepwise
 NOISE_MM = 0.05

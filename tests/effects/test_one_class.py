@@ -143,24 +143,20 @@ LAW = '''"""The exact law of a wrapped hose."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 from calib.array_types import Array
 from calib.simulation.truth.mechanism import Arm
-from calib.simulation.truth.sampling import Rng, SampledEffect, one_joint
-from calib.simulation.truth.visibility import SimulatedCell
+from calib.simulation.truth.sampling import JointError, Rng, SampledEffect, SimulatedCell, one_joint
 
 
-@dataclass(frozen=True, eq=False)
-class WrappedHose(SampledEffect):
+class WrappedHose(JointError):
     """A hose round a joint: dq_j = k_j q_j^3."""
 
     name = "wrapped_hose"
     magnitude_fields = ("k",)
     k: Array  # (n,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        return replace(arm, q=arm.q + self.k * arm.commanded**3)
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
+        return self.k * arm.commanded**3
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:

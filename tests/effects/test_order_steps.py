@@ -13,8 +13,7 @@ from calib.effects.catalogue import family_of
 from calib.effects.catalogue.order_steps import LinkStep, PayloadStep
 from calib.effects.effect import apply_values
 from calib.effects.state import RobotState
-from calib.simulation.measured_dataset import Simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset
 from calib.simulation.truth import order_effects as laws
 from tests.support.fit_cases import rich_dataset
 

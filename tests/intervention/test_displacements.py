@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib import calibrate, frames
-from calib.intervention.displacements import PairDisplacements
+from calib.intervention.differences import PairDisplacements
 from calib.intervention.proof import interventions_of
 from calib.statistics import rms
 from tests.support.changed import with_poses, with_xyz

@@ -9,8 +9,7 @@ import pytest
 
 from calib import calibrate
 from calib.dataset.dataset import Dataset
-from calib.intervention.differences import differences_of
-from calib.intervention.displacements import PairDisplacements, displacements_of
+from calib.intervention.differences import PairDisplacements, differences_of, displacements_of
 from calib.intervention.pairs import find_pairs
 from calib.intervention.proof import Intervention, interventions_of
 from calib.statistics import rms

@@ -20,8 +20,7 @@ from calib.measurement.face_labels import FaceLabels, label_corners
 from calib.measurement.measured_points import with_corners
 from calib.present import to_dict
 from calib.present.fit.corners import face_labelling
-from calib.simulation.measured_dataset import Simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset
 from tests.support.changed import with_poses
 from tests.support.jig_corners import UNEVEN, corner_of, error_rad
 

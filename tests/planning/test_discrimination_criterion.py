@@ -10,9 +10,9 @@ import pytest
 from calib import calibrate, diagnose, screen
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
-from calib.planning.discrimination_criterion import ForDiscrimination, for_confounded
+from calib.planning.criterion import DiscriminationOutcome, SeparationReason
+from calib.planning.discrimination import ForDiscrimination, for_confounded
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
-from calib.planning.outcome import DiscriminationOutcome, SeparationReason
 from calib.planning.plan import Plan, plan_poses
 from calib.simulation.simulate import simulate_dataset
 from calib.workcell.measurable import measurable

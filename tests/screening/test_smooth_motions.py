@@ -16,8 +16,7 @@ from calib.screening.candidates import Candidate
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import FAULT_EVIDENCE, run_residual_tests
 from calib.screening.smooth_motions import smooth_motion
-from calib.simulation.measured_dataset import Simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset
 from calib.simulation.truth.joint_effects import JointDent as TrueDent
 from calib.simulation.truth.order_effects import JointStep as TrueStep
 from tests.support.changed import with_xyz

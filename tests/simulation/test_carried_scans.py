@@ -11,9 +11,8 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.jig import jig_geometry
 from calib.kinematics.joint_range import joint_range
-from calib.simulation.measured_dataset import Simulation
 from calib.simulation.scanner import ScanModel
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset
 from calib.workcell.scan_field import JANG_FIELD
 
 COARSE = ScanModel(points=4000, window_mm=90.0)

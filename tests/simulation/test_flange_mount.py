@@ -14,12 +14,10 @@ from calib.effects.catalogue import effects_named
 from calib.errors import CalibError
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
-from calib.options import FitOptions
 from calib.planning.plan import plan_poses
-from calib.planning.start import FromFit, start_of_dataset
-from calib.simulation.carried_scanner import poses_with_jig_in_view
-from calib.simulation.measured_dataset import Simulation, measure
-from calib.simulation.simulate import simulate_dataset
+from calib.planning.start import FromFit
+from calib.simulation.pose_design import scan_poses
+from calib.simulation.simulate import Simulation, measure, simulate_dataset
 from calib.simulation.truth.equilibrium import Truth, base_T_target
 from calib.statistics import rms_length
 from calib.workcell.known_cell import workcell_of_dataset
@@ -110,9 +108,8 @@ def test_planned_poses_have_the_jig_in_view_and_the_predicted_error() -> None:
         made = simulate_dataset(RB5, rng=seed, poses=20, scans=True)
         truth, q = made.truth, made.dataset.poses.q
         assert truth.base_T_jig is not None
-        more = poses_with_jig_in_view(
-            RB5, truth.base_T_scanner, truth.base_T_jig, 46, rng=np.random.default_rng(seed + 100)
-        )
+        rng = np.random.default_rng(seed + 100)
+        more = scan_poses(RB5, truth.base_T_scanner, 46, rng=rng, base_T_jig=truth.base_T_jig)
         test, other = more[:40], more[40:]
         fit = calibrate(_measured(truth, np.concatenate([q, test]), 40, seed).dataset)
         plan = plan_poses(FromFit(fit), 6, candidates=200)
@@ -127,11 +124,6 @@ def test_planned_poses_have_the_jig_in_view_and_the_predicted_error() -> None:
         assert np.all(np.abs(cosine) > np.cos(np.radians(60.0)))
     assert np.sqrt(np.mean(planned)) == pytest.approx(np.sqrt(np.mean(predicted)), rel=0.25)
     assert np.mean(planned) < np.mean(others)
-
-
-def test_a_carried_scanner_has_no_other_place_in_the_room() -> None:
-    with pytest.raises(CalibError, match="the scanner is on the flange; plan without another place for it"):
-        start_of_dataset(MADE.dataset, FitOptions(), base_T_scanner=np.eye(4))
 
 
 def test_a_cell_needs_points_to_place_a_carried_scanner() -> None:

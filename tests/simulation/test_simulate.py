@@ -18,8 +18,7 @@ from calib.jig import jig_geometry
 from calib.kinematics.chain import forward
 from calib.kinematics.joint_range import random_poses
 from calib.scans.scan import load_scan
-from calib.simulation.measured_dataset import write_simulation
-from calib.simulation.simulate import PAYLOADS_KG, simulate_dataset
+from calib.simulation.simulate import PAYLOADS_KG, simulate_dataset, write_simulation
 from calib.simulation.truth.arm_sampling import (
     OUTSIDE_EFFECTS,
     SIMULATED,

@@ -10,7 +10,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from inspector.app.app import App
-from inspector.app.controllers import ranking
+from inspector.app.controllers import model_controller
 from inspector.app.serving import serving
 from inspector.session.reopening import Opening
 from tests.support.wire_client import WireClient
@@ -33,9 +33,9 @@ def idle_app(
     `as_users_see_it` is for pictures: otherwise nothing is reflected, and metal is black. `ahead`: the advised model is
     judged before somebody asks, which takes a second that most tests do not need.
     """
-    most_poses = ranking.AHEAD_POSES if ahead or as_users_see_it else 0
+    most_poses = model_controller.AHEAD_POSES if ahead or as_users_see_it else 0
     with (
-        patch.object(ranking, "AHEAD_POSES", most_poses),
+        patch.object(model_controller, "AHEAD_POSES", most_poses),
         serving(folder, port=0, effects_file=effects_file, saved=saved) as app,
     ):
         if not as_users_see_it:

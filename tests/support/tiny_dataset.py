@@ -9,9 +9,8 @@ import numpy as np
 
 from calib.dataset.files.folder import write_dataset
 from calib.scans.scan import Scan, load_scan, write_scan
-from calib.simulation.measured_dataset import Simulation, write_simulation
 from calib.simulation.scanner import ScanModel
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import Simulation, simulate_dataset, write_simulation
 
 POSES = 16
 BROKEN = 4  # index of the pose whose scan misses the jig

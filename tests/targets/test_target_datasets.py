@@ -13,7 +13,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.errors import DatasetError
 from calib.measurement.measured_points import with_corners
 from calib.target_shapes import DeclaredTarget, OwnShape, Socket, Sphere, Spheres
-from calib.targets.batch import find_targets
+from calib.targets.search import find_targets
 from tests.support.ball_dataset import write_ball_dataset
 from tests.support.commands import answered, refused
 

@@ -15,8 +15,7 @@ from calib.jig import Jig
 from calib.present.over_time.checks import check_head
 from calib.rendering.text import block_text
 from calib.scans.scan import READERS, PointCount
-from calib.simulation.measured_dataset import write_simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import simulate_dataset, write_simulation
 from calib.validation import acceptance
 from calib.validation.acceptance import CheckItem, ErrorRatio, ResidualSigma, thin_scans
 from inspector.cli.parser import main

@@ -17,8 +17,7 @@ from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError
 from calib.options import FitOptions
 from calib.present.fit.errors import sigma_sentence
-from calib.validation.learning_curve import LearningCurve, LearningStep
-from calib.validation.splits import deal_folds, growing_order, training_groups
+from calib.validation.cross_validation import LearningCurve, LearningStep, deal_folds, growing_order, training_groups
 from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform
 from tests.support.changed import with_poses, with_xyz
 from tests.support.commands import answered, refused

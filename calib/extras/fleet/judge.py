@@ -27,7 +27,7 @@ from calib.measurement.measured_points import failed_searches, require_corners
 from calib.present.results import keys_of
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.strict_json import to_json
-from calib.targets.batch import find_targets
+from calib.targets.search import find_targets
 from calib.validation.acceptance import Check, TooFewPoses
 
 LONGEST_REASON = 400  # characters

@@ -22,7 +22,7 @@ from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset
 from calib.errors import DatasetError
 from calib.extras.follow.campaign import Campaign, PoseJudgement, with_arrivals
 from calib.scans.scan import scan_file
-from calib.targets.batch import find_targets
+from calib.targets.search import find_targets
 
 SETTLED_S = 0.4
 """Time for which a file must not change before it is read as whole."""

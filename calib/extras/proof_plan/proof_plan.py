@@ -33,11 +33,9 @@ from calib.extras.proof_plan.simulated_pairs import (
 )
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
 from calib.intervention.proof import FEWEST_PAIRS, follows, with_masses
-from calib.planning.criterion import BaseCriterion, DesignProblem, PlanTask
+from calib.planning.criterion import BaseCriterion, DesignProblem, Outcome, PlanTask, PoseReason
 from calib.planning.effect_hypotheses import HypothesisSet, coefficient_posteriors, hypothesis_sets
-from calib.planning.offered_poses import offered_poses
-from calib.planning.outcome import Outcome, PoseReason
-from calib.planning.start import FromFit, Start
+from calib.planning.start import FromFit, Start, offered_poses
 from calib.workcell.pose_conditions import COLD_C, WARM_C
 
 PROOF_PAYLOAD_KG = 2.0

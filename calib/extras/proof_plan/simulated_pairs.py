@@ -28,8 +28,7 @@ from calib.intervention.differences import Differences, differences_of
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
 from calib.intervention.proof import FEWEST_PAIRS, MIN_LEAD, PairCandidate, candidates_of, decided
 from calib.kinematics.robot import Robot
-from calib.planning.exchange import best_poses
-from calib.planning.question import OptimalityCriterion
+from calib.planning.exchange import OptimalityCriterion, best_poses
 
 TEMPERATURE = "temperature_c"
 ACTING = (APPROACH, PAYLOAD, TEMPERATURE)

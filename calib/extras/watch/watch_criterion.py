@@ -22,10 +22,8 @@ from calib.extras.watch.change_tests import DETECTABLE_Z, Detectable
 from calib.extras.watch.plugin import WATCH
 from calib.fitting.scanner_frame import whitener
 from calib.frames import frames_by_name
-from calib.planning.criterion import BaseCriterion, DesignProblem
-from calib.planning.exchange import best_poses
-from calib.planning.outcome import Outcome
-from calib.planning.question import OptimalityCriterion, inverse
+from calib.planning.criterion import BaseCriterion, DesignProblem, Outcome
+from calib.planning.exchange import OptimalityCriterion, best_poses, inverse
 from calib.planning.start import FromFit
 from calib.planning.unknowns import Unknowns
 

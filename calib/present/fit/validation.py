@@ -15,8 +15,7 @@ from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Table, Verdict
 from calib.rendering.colours import BAD, DOUBT, GOOD
-from calib.validation.cross_validation import SUSPICIOUS, CrossValidation
-from calib.validation.learning_curve import FAR, LearningCurve
+from calib.validation.cross_validation import FAR, SUSPICIOUS, CrossValidation, LearningCurve
 
 # ---- cross-validation -----------------------------------------------------------------------------------------------
 

@@ -12,10 +12,10 @@ import numpy as np
 from calib.array_types import Array
 from calib.calibration.noise_level import check_sigma
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
-from calib.planning.criterion import ForCalibration
-from calib.planning.outcome import (
+from calib.planning.criterion import (
     DiscriminationOutcome,
     EffectOutcome,
+    ForCalibration,
     Outcome,
     ParameterReason,
     PoseReason,
@@ -122,8 +122,7 @@ def plan_headline(plan: Plan) -> str:
     if achieved.aim:
         aim = achieved.aim
     elif isinstance(criterion, ForCalibration):
-        at = f"to be right at {plan.region} (I-optimal)"
-        aim = at if criterion.optimality == "I" else "to know the parameters (D-optimal)"
+        aim = f"to be right at {plan.region} (I-optimal)"
     else:
         aim = f"for {numbers.listing(criterion.effects)}"
     return f"{planned} for {plan.start.dataset.name}, {aim}{f': {error}' if error else ''}."

@@ -14,11 +14,9 @@ from calib.array_types import Array
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.simulation import truth as laws
-from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.equilibrium import Truth
-from calib.simulation.truth.mechanism import STANDARD, Conditions
-from calib.simulation.truth.sampling import registered_effects
-from calib.simulation.truth.visibility import SimulatedCell
+from calib.simulation.truth.mechanism import STANDARD, Conditions, TrueEffect
+from calib.simulation.truth.sampling import SimulatedCell, registered_effects
 
 for _module in pkgutil.iter_modules(laws.__path__):  # every module of the truth, so that its effects are registered
     import_module(f"{laws.__name__}.{_module.name}")
@@ -60,7 +58,7 @@ def draw_truth(
 ) -> Truth:
     """Random arm: link errors from the tolerances, and effects whose magnitudes are realistic at the poses q (N, n).
 
-    Each effect gets the magnitude asked for: a visible part (`calib.simulation.truth.visibility`) in multiples of
+    Each effect gets the magnitude asked for: a visible part (`calib.simulation.truth.sampling`) in multiples of
     `noise_mm` per coordinate. Without a request it moves the measured point by 0.2 to 0.5 mm rms. `base_T_jig` (4, 4)
     is the frame of the jig for an arm that carries the scanner; `base_T_scanner` is then flange_T_scanner.
 

@@ -13,8 +13,7 @@ from calib.array_types import Array
 from calib.brief import Brief
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
-from calib.simulation.truth.effect import TrueEffect
-from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
+from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions, TrueEffect
 
 
 @dataclass(frozen=True, eq=False)

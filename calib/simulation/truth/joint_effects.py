@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
-from calib.simulation.truth.effect import needed
-from calib.simulation.truth.mechanism import Arm
-from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
-from calib.simulation.truth.visibility import SimulatedCell
+from calib.simulation.truth.mechanism import Arm, needed
+from calib.simulation.truth.sampling import (
+    JointError,
+    Rng,
+    SampledEffect,
+    SimulatedCell,
+    carriers,
+    magnitudes,
+    one_joint,
+)
 
 # ---- joints: dq at the commanded angle ------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class TransmissionError(SampledEffect):
+class TransmissionError(JointError):
     """Gears that run unevenly: dq_j = sum_h cos_jh cos(h q_j) + sin_jh sin(h q_j)."""
 
     name = "transmission_error"
@@ -26,9 +31,9 @@ class TransmissionError(SampledEffect):
     sin_rad: Array  # (n, H)
     harmonics: tuple[float, ...] = (1.0, 2.0, 3.0)  # (H,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         phase = arm.commanded[:, :, None] * np.array(self.harmonics)  # (N, n, H)
-        return replace(arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2))
+        return np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2)
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -43,7 +48,6 @@ class TransmissionError(SampledEffect):
         return make(carriers(cell, rng, make, magnitudes(cell, rng)))
 
 
-@dataclass(frozen=True, eq=False)
 class HighHarmonic(TransmissionError):
     """Teeth of a gear, or lines of an encoder: a transmission error of 4 to 20 periods per turn."""
 
@@ -58,7 +62,6 @@ class HighHarmonic(TransmissionError):
         )
 
 
-@dataclass(frozen=True, eq=False)
 class FineRipple(TransmissionError):
     """A transmission error of 23 periods per turn, which is not in the catalogue."""
 
@@ -71,7 +74,6 @@ class FineRipple(TransmissionError):
         return _equal_waves(cls, cell, rng)
 
 
-@dataclass(frozen=True, eq=False)
 class RoughGear(TransmissionError):
     """A joint with an irregular error over its whole range: waves not periodic in a turn. Not in the catalogue."""
 
@@ -91,8 +93,7 @@ def _equal_waves(kind: type[TransmissionError], cell: SimulatedCell, rng: Rng) -
     return one_joint(cell, rng, lambda size: kind(np.outer(size, np.cos(phase_rad)), np.outer(size, np.sin(phase_rad))))
 
 
-@dataclass(frozen=True, eq=False)
-class StrainWave(SampledEffect):
+class StrainWave(JointError):
     """Ripple of a strain wave gear, once and twice a motor turn: harmonics ratio_j and 2 ratio_j of the joint."""
 
     name = "strain_wave"
@@ -101,9 +102,9 @@ class StrainWave(SampledEffect):
     sin_rad: Array  # (n, 2)
     gear_ratio: Array  # (n,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         phase = arm.commanded[:, :, None] * self.gear_ratio[:, None] * np.array([1.0, 2.0])
-        return replace(arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2))
+        return np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2)
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -125,32 +126,30 @@ class StrainWave(SampledEffect):
         return make(carriers(cell, rng, make, magnitudes(cell, rng)))
 
 
-@dataclass(frozen=True, eq=False)
-class JointScale(SampledEffect):
+class JointScale(JointError):
     """A wrong gear ratio or encoder scale: dq_j = k_j q_j."""
 
     name = "joint_scale"
     magnitude_fields = ("k",)
     k: Array  # (n,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        return replace(arm, q=arm.q + self.k * arm.commanded)
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
+        return self.k * arm.commanded
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         return cls(carriers(cell, rng, cls, 1e-4 * magnitudes(cell, rng, signed=True)))
 
 
-@dataclass(frozen=True, eq=False)
-class JointCoupling(SampledEffect):
+class JointCoupling(JointError):
     """One joint's motor drags another joint: dq_j = sum_i k_ji q_i."""
 
     name = "joint_coupling"
     magnitude_fields = ("k",)
     k: Array  # (n, n), row = the joint that is dragged
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        return replace(arm, q=arm.q + arm.commanded @ self.k.T)
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
+        return arm.commanded @ self.k.T
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -165,8 +164,7 @@ class JointCoupling(SampledEffect):
         return make(carriers(cell, rng, make, size))
 
 
-@dataclass(frozen=True, eq=False)
-class Backlash(SampledEffect):
+class Backlash(JointError):
     """A joint stops at the near side of its play: dq_j = b_j / 2 times the direction it came from."""
 
     name = "backlash"
@@ -174,17 +172,16 @@ class Backlash(SampledEffect):
     magnitude_fields = ("b_rad",)
     b_rad: Array  # (n,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         approach = needed(arm.conditions.approach, "the approach direction", self)
-        return replace(arm, q=arm.q + 0.5 * self.b_rad * approach)
+        return 0.5 * self.b_rad * approach
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         return cls(carriers(cell, rng, cls, 2e-4 * magnitudes(cell, rng)))
 
 
-@dataclass(frozen=True, eq=False)
-class JointDent(SampledEffect):
+class JointDent(JointError):
     """A damaged place in a gear: dq_j = h_j exp(-d^2 / 2 w^2), d the angle from that place."""
 
     name = "joint_dent"
@@ -193,10 +190,10 @@ class JointDent(SampledEffect):
     place_rad: Array  # (n,)
     width_rad: float
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         off_rad = np.remainder(arm.commanded - self.place_rad + np.pi, 2.0 * np.pi) - np.pi
         bump = np.exp(-0.5 * (off_rad / self.width_rad) ** 2)
-        return replace(arm, q=arm.q + self.height_rad * bump)
+        return self.height_rad * bump
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -207,16 +204,15 @@ class JointDent(SampledEffect):
         return one_joint(cell, rng, lambda size: cls(size, place_rad, width_rad))
 
 
-@dataclass(frozen=True, eq=False)
-class AsymmetricScale(SampledEffect):
+class AsymmetricScale(JointError):
     """A scale error of an encoder, symmetric about its zero: dq_j = k_j |q_j|."""
 
     name = "asymmetric_scale"
     magnitude_fields = ("k",)
     k: Array  # (n,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        return replace(arm, q=arm.q + self.k * np.abs(arm.commanded))
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
+        return self.k * np.abs(arm.commanded)
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -228,8 +224,7 @@ class AsymmetricScale(SampledEffect):
         return one_joint(cell, rng, lambda size: cls(size * both))
 
 
-@dataclass(frozen=True, eq=False)
-class CableDrag(SampledEffect):
+class CableDrag(JointError):
     """A cable over joints j and j + 1 pulls joint j: dq_j = a_j cos(n (q_j + s q_(j+1)) - phase), s = 1 or -1."""
 
     name = "cable_drag"
@@ -239,10 +234,10 @@ class CableDrag(SampledEffect):
     sign: float
     order: int
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         next_q = np.roll(arm.commanded, -1, axis=1)  # behind the last joint comes the first, with amplitude 0
         twisted = self.order * (arm.commanded + self.sign * next_q)
-        return replace(arm, q=arm.q + self.amplitude_rad * np.cos(twisted - self.phase_rad))
+        return self.amplitude_rad * np.cos(twisted - self.phase_rad)
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -259,7 +254,6 @@ class CableDrag(SampledEffect):
 # ---- links and axes -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
 class ThermalGrowth(SampledEffect):
     """Thermal expansion of the arm: all lengths a and d times 1 + kappa (T - reference)."""
 
@@ -278,7 +272,6 @@ class ThermalGrowth(SampledEffect):
         return cls(rng.uniform(12e-6, 24e-6))  # steel to aluminium
 
 
-@dataclass(frozen=True, eq=False)
 class AxisWobble(SampledEffect):
     """A bearing that wobbles: joint j's axis tilts at the joint's own origin, about x and y of the frame before it.
 

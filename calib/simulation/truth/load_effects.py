@@ -6,19 +6,26 @@ Moments and positions are those of the equilibrium, so that load and deflection 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
 from calib.simulation.truth.mechanism import Arm, in_frame
-from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
-from calib.simulation.truth.visibility import SimulatedCell, gravity_torques
+from calib.simulation.truth.sampling import (
+    JointError,
+    Rng,
+    SampledEffect,
+    SimulatedCell,
+    carriers,
+    gravity_torques,
+    magnitudes,
+    one_joint,
+)
 
 
-@dataclass(frozen=True, eq=False)
-class JointCompliance(SampledEffect):
+class JointCompliance(JointError):
     """Joints that yield under load: dq_j = c_j tau_j, the gravity torque at the resulting pose."""
 
     name = "joint_compliance"
@@ -26,8 +33,8 @@ class JointCompliance(SampledEffect):
     needs_equilibrium = True
     c_rad_per_nm: Array  # (n,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        return replace(arm, q=arm.q + self.c_rad_per_nm * equilibrium.gravity_torques)
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
+        return self.c_rad_per_nm * equilibrium.gravity_torques
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -37,8 +44,7 @@ class JointCompliance(SampledEffect):
         return cls(carriers(cell, rng, cls, size * cell.nominal.is_revolute))
 
 
-@dataclass(frozen=True, eq=False)
-class GravityBacklash(SampledEffect):
+class GravityBacklash(JointError):
     """Gravity holds a joint at one side of its play: dq_j = b_j / 2 sign(tau_j).
 
     Within `friction_nm` of balance the joint is inside the play, in proportion, so that an equilibrium always exists.
@@ -50,9 +56,9 @@ class GravityBacklash(SampledEffect):
     b_rad: Array  # (n,)
     friction_nm: float = 0.05
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         side = np.clip(equilibrium.gravity_torques / self.friction_nm, -1.0, 1.0)
-        return replace(arm, q=arm.q + 0.5 * self.b_rad * side)
+        return 0.5 * self.b_rad * side
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -61,7 +67,6 @@ class GravityBacklash(SampledEffect):
         return cls(carriers(cell, rng, cls, 2e-4 * magnitudes(cell, rng) * loaded))
 
 
-@dataclass(frozen=True, eq=False)
 class LinkBending(SampledEffect):
     """Bending of each link as a cantilever from its joint's origin to the next one's, c = L / EI (Euler-Bernoulli).
 
@@ -113,8 +118,7 @@ class LinkBending(SampledEffect):
         return cls(carriers(cell, rng, cls, size * np.linspace(1.0, 3.0, len(size))))
 
 
-@dataclass(frozen=True, eq=False)
-class NonlinearStiffness(SampledEffect):
+class NonlinearStiffness(JointError):
     """Springs that soften or stiffen: dq_j = c_j tau_j |tau_j|."""
 
     name = "nonlinear_stiffness"
@@ -122,9 +126,9 @@ class NonlinearStiffness(SampledEffect):
     needs_equilibrium = True
     c_rad_per_nm2: Array  # (n,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         torque = equilibrium.gravity_torques
-        return replace(arm, q=arm.q + self.c_rad_per_nm2 * torque * np.abs(torque))
+        return self.c_rad_per_nm2 * torque * np.abs(torque)
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -134,7 +138,6 @@ class NonlinearStiffness(SampledEffect):
         return cls(carriers(cell, rng, cls, size))
 
 
-@dataclass(frozen=True, eq=False)
 class LinkTorsion(SampledEffect):
     """Torsion of each link, a tube from its joint's origin to the next, by the moment of later weights about it."""
 
@@ -164,7 +167,6 @@ class LinkTorsion(SampledEffect):
         return one_joint(cell, rng, lambda size: cls(np.abs(size) * long))
 
 
-@dataclass(frozen=True, eq=False)
 class BearingClearance(SampledEffect):
     """Bearings with play: each axis leans by a fixed angle, about the cross-axis moment of all weights beyond it."""
 
@@ -191,8 +193,7 @@ class BearingClearance(SampledEffect):
         return one_joint(cell, rng, lambda size: cls(np.abs(size)))
 
 
-@dataclass(frozen=True, eq=False)
-class Counterbalance(SampledEffect):
+class Counterbalance(JointError):
     """A spring, or gas cylinder, from the link before joint 2 to the link behind: dq_2 = c times its torque.
 
     Its ends are points of the plane across the joint's axis; its force along the line between them is
@@ -208,7 +209,7 @@ class Counterbalance(SampledEffect):
     rate_n_per_mm: float
     joint: int = 1
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         q = arm.commanded[:, self.joint]
         c, s = np.cos(q), np.sin(q)
         x, y = self.held_mm
@@ -219,7 +220,7 @@ class Counterbalance(SampledEffect):
         torque_nm = 1e-3 * (held_mm[:, 0] * pull_n[:, 1] - held_mm[:, 1] * pull_n[:, 0])
         turned = np.zeros_like(arm.q)
         turned[:, self.joint] = self.c_rad_per_nm * torque_nm
-        return replace(arm, q=arm.q + turned)
+        return turned
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -234,7 +235,6 @@ class Counterbalance(SampledEffect):
         return cls(1e-6, anchor_mm, held_mm, force_n, rate_n_per_mm)
 
 
-@dataclass(frozen=True, eq=False)
 class BaseCompliance(SampledEffect):
     """A floor that yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
 
@@ -252,7 +252,6 @@ class BaseCompliance(SampledEffect):
         return cls(1e-6 * np.array([*rng.uniform(0.6, 1.4, 2), 0.0]))
 
 
-@dataclass(frozen=True, eq=False)
 class ToolSag(SampledEffect):
     """A target on three springs along the tool frame's axes: shift = R diag(c) R^T g / |g|."""
 
@@ -274,8 +273,7 @@ class ToolSag(SampledEffect):
         return cls(0.2 * rng.uniform(0.5, 1.5, 3) * np.array([1.0, 1.0, 0.3]))
 
 
-@dataclass(frozen=True, eq=False)
-class HosePull(SampledEffect):
+class HosePull(JointError):
     """A hose as a spring from a fixed place to a point of the forearm; joints yield. Not in the catalogue."""
 
     name = "hose_pull"
@@ -289,7 +287,7 @@ class HosePull(SampledEffect):
     link: int  # 0-based joint that moves that link
     c_rad_per_nm: Array  # (n,) how the joints yield
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         held_mm = equilibrium.place_mm(self.link, self.held_mm)
         reach_mm = self.anchor_mm - held_mm
         length_mm = np.linalg.norm(reach_mm, axis=1, keepdims=True)
@@ -299,7 +297,7 @@ class HosePull(SampledEffect):
         for j in range(self.link + 1):
             axis_T = equilibrium.base_T_axis[j]
             torque_nm[:, j] = np.sum(axis_T[:, :3, 2] * np.cross(1e-3 * (held_mm - axis_T[:, :3, 3]), force_n), axis=1)
-        return replace(arm, q=arm.q + self.c_rad_per_nm * torque_nm)
+        return self.c_rad_per_nm * torque_nm
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:

@@ -5,17 +5,23 @@ Poses are measured in their order; `first` is the index of the first pose after 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
-from calib.simulation.truth.effect import needed
-from calib.simulation.truth.mechanism import Arm, Conditions, in_frame
-from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
-from calib.simulation.truth.visibility import SimulatedCell
+from calib.simulation.truth.mechanism import Arm, Conditions, in_frame, needed
+from calib.simulation.truth.sampling import (
+    JointError,
+    Rng,
+    SampledEffect,
+    SimulatedCell,
+    carriers,
+    magnitudes,
+    one_joint,
+)
 from calib.statistics import rms_length
 
 
@@ -29,8 +35,7 @@ def _first_pose(cell: SimulatedCell, rng: Rng) -> int:
     return int(rng.integers(len(cell.q) // 4, max(3 * len(cell.q) // 4, len(cell.q) // 4 + 1)))
 
 
-@dataclass(frozen=True, eq=False)
-class JointStep(SampledEffect):
+class JointStep(JointError):
     """A joint's zero jumps between two poses: dq_j = offset_j from a pose on."""
 
     name = "joint_step"
@@ -38,8 +43,8 @@ class JointStep(SampledEffect):
     offset_rad: Array  # (n,)
     first: int
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        return replace(arm, q=arm.q + _after(len(arm.q), self.first)[:, None] * self.offset_rad)
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
+        return _after(len(arm.q), self.first)[:, None] * self.offset_rad
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -47,7 +52,6 @@ class JointStep(SampledEffect):
         return one_joint(cell, rng, lambda size: cls(size, first))
 
 
-@dataclass(frozen=True, eq=False)
 class TargetStep(SampledEffect):
     """The target slides on the tool: a shift along the axes of the last joint's frame from a pose on."""
 
@@ -67,7 +71,6 @@ class TargetStep(SampledEffect):
         return cls(0.2 * rng.standard_normal(3), _first_pose(cell, rng))
 
 
-@dataclass(frozen=True, eq=False)
 class ScannerStep(SampledEffect):
     """A scanner that is knocked: p becomes c + exp(w) (p - c) + v from a pose on, c the middle of its field."""
 
@@ -94,7 +97,6 @@ class ScannerStep(SampledEffect):
         return cls(0.2 * rng.standard_normal(3), turn_rad, middle_mm, _first_pose(cell, rng))
 
 
-@dataclass(frozen=True, eq=False)
 class ScaleStep(SampledEffect):
     """An instrument that reports all distances from itself too long by a share from a pose on."""
 
@@ -114,7 +116,6 @@ class ScaleStep(SampledEffect):
         return cls(float(1e-4 * rng.standard_normal()), _first_pose(cell, rng))
 
 
-@dataclass(frozen=True, eq=False)
 class BaseLoosening(SampledEffect):
     """A bolt of the foot gives way: from a pose on the arm turns by c M about its base's origin."""
 
@@ -134,8 +135,7 @@ class BaseLoosening(SampledEffect):
         return cls(1e-6 * np.array([*rng.uniform(0.6, 1.4, 2), 0.0]), _first_pose(cell, rng))
 
 
-@dataclass(frozen=True, eq=False)
-class PayloadStep(SampledEffect):
+class PayloadStep(JointError):
     """A mass hung on the flange and not recorded: dq_j = c_j tau_j, tau_j by that mass alone, from a pose on.
 
     It may be taken off again before the end. The controller makes up for the weights that it knows of. The mass hangs
@@ -151,7 +151,7 @@ class PayloadStep(SampledEffect):
     first: int
     back: int  # first pose without it again; the number of poses where it stays
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         tool = equilibrium.base_T_frame[-1]
         place_mm = tool[:, :3, 3] + tool[:, :3, :3] @ self.beside_mm
         weight_n = self.mass_kg * np.array(arm.robot.gravity_m_s2)
@@ -160,7 +160,7 @@ class PayloadStep(SampledEffect):
             torque_nm = np.einsum("ni,ni->n", axis[:, :3, 2], np.cross(1e-3 * (place_mm - axis[:, :3, 3]), weight_n))
             turned[:, j] = self.c_rad_per_nm[j] * torque_nm
         held = _after(len(arm.q), self.first) & ~_after(len(arm.q), self.back)
-        return replace(arm, q=arm.q + held[:, None] * turned)
+        return held[:, None] * turned
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -176,7 +176,6 @@ class PayloadStep(SampledEffect):
         return cls(mass_kg, c * cell.nominal.is_revolute, beside_mm, first, back)
 
 
-@dataclass(frozen=True, eq=False)
 class LinkStep(SampledEffect):
     """A link bent by a knock: from a pose on its end is turned and shifted, both in the frame at its end."""
 
@@ -215,7 +214,6 @@ class LinkStep(SampledEffect):
         return one_joint(cell, rng, make)
 
 
-@dataclass(frozen=True, eq=False)
 class WarmUp(SampledEffect):
     """An arm warmed up by its own motors: all lengths a and d times 1 + g (1 - exp(-t / T)), t from the first pose."""
 
@@ -237,8 +235,7 @@ class WarmUp(SampledEffect):
         return cls(10.0 * rng.uniform(12e-6, 24e-6), rng.uniform(600.0, 2400.0))
 
 
-@dataclass(frozen=True, eq=False)
-class PathFriction(SampledEffect):
+class PathFriction(JointError):
     """Friction that remembers: dq_j = h_j z_j, z_j driven in small steps along straight ways through all poses.
 
     dz/dq = (1 - z sign(dq)) / length, integrated by Runge and Kutta's midpoint rule.
@@ -249,7 +246,7 @@ class PathFriction(SampledEffect):
     h_rad: Array  # (n,)
     length_rad: float
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         wound = np.zeros_like(arm.q)
         for j in np.flatnonzero(self.h_rad).tolist():
             z = 0.0
@@ -261,7 +258,7 @@ class PathFriction(SampledEffect):
                     middle = z + 0.5 * step * (1.0 - z * side)
                     z += step * (1.0 - middle * side)
                 wound[k, j] = z
-        return replace(arm, q=arm.q + self.h_rad * wound)
+        return self.h_rad * wound
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -270,7 +267,6 @@ class PathFriction(SampledEffect):
         return one_joint(cell, rng, lambda size: cls(size, length_rad))
 
 
-@dataclass(frozen=True, eq=False)
 class MotorHeat(SampledEffect):
     """Motors heated by their own moves: each move of w rad warms motor j by w, which cools off exponentially.
 
@@ -311,17 +307,16 @@ class MotorHeat(SampledEffect):
         return one_joint(cell, rng, lambda size: cls(size, growth * np.abs(size), cooling_s, fast))
 
 
-@dataclass(frozen=True, eq=False)
-class FollowingError(SampledEffect):
+class FollowingError(JointError):
     """Joints read while still moving: dq_j = k_j times the motion from the previous pose, 0 at the first."""
 
     name = "following_error"
     magnitude_fields = ("k",)
     k: Array  # (n,)
 
-    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+    def error(self, arm: Arm, equilibrium: Arm) -> Array:
         way = np.diff(arm.commanded, axis=0, prepend=arm.commanded[:1])
-        return replace(arm, q=arm.q + self.k * way)
+        return self.k * way
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:

@@ -5,16 +5,12 @@ A point is moved, the jig's orientation as seen is left alone: over the jig's 60
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
-from calib.simulation.truth.effect import needed
-from calib.simulation.truth.mechanism import Conditions
-from calib.simulation.truth.sampling import Rng, SampledEffect
-from calib.simulation.truth.visibility import SimulatedCell
+from calib.simulation.truth.mechanism import Conditions, needed
+from calib.simulation.truth.sampling import Rng, SampledEffect, SimulatedCell
 from calib.statistics import rms_length
 
 
@@ -25,7 +21,6 @@ def _at(scanner_T_target: Array, xyz_mm: Array) -> Array:
     return moved
 
 
-@dataclass(frozen=True, eq=False)
 class ScannerDistortion(SampledEffect):
     """Distortion about the middle of the field: depth z + k1 z + k2 z^2, and x, y times 1 + k r^2."""
 
@@ -52,7 +47,6 @@ class ScannerDistortion(SampledEffect):
         return cls(k[0] / reach_mm, k[1] / reach_mm**2, k[2] / reach_mm**3, middle_mm)
 
 
-@dataclass(frozen=True, eq=False)
 class ScannerDrift(SampledEffect):
     """A scanner that creeps: a point p becomes exp(w t) p + v t, t from the first pose."""
 
@@ -77,7 +71,6 @@ class ScannerDrift(SampledEffect):
         return cls(1e-4 * rng.standard_normal(3), 1e-7 * rng.standard_normal(3))
 
 
-@dataclass(frozen=True, eq=False)
 class IncidenceBias(SampledEffect):
     """Range error that grows with the angle phi between the jig's axis and the ray: b (1 - cos phi) along the ray."""
 
@@ -97,7 +90,6 @@ class IncidenceBias(SampledEffect):
         return cls(0.2 * float(rng.choice([-1.0, 1.0])))
 
 
-@dataclass(frozen=True, eq=False)
 class ScannerScale(SampledEffect):
     """A scale error of the scanner: every length 1 + s times too long."""
 
@@ -113,7 +105,6 @@ class ScannerScale(SampledEffect):
         return cls(2e-4 * float(rng.choice([-1.0, 1.0])))
 
 
-@dataclass(frozen=True, eq=False)
 class FieldBump(SampledEffect):
     """Local fault of the scanner: a shift times exp(-d^2 / 2 w^2) at distance d from a place. Not in the catalogue."""
 

@@ -8,16 +8,16 @@ that mesh instead, and the mesh itself for lines of sight.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.frames import invert
 from calib.jig import Jig, jig_geometry
-from calib.kinematics.chain import Chain, forward, nominal_chain
+from calib.kinematics.chain import Chain, nominal_chain
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
+from calib.kinematics.tool_point import tip_T_last
 from calib.workcell.bodies.distances import between_segments
 from calib.workcell.bodies.link_mesh import LinkMesh
 
@@ -98,6 +98,9 @@ class _Body:
     static: bool = False
 
 
+_NONE = _Body(0, 0.0, FIXED)  # gives empty columns their kind
+
+
 def arm_bodies(
     robot: Robot,
     jig: Jig | None,
@@ -132,8 +135,7 @@ def arm_bodies(
         for piece in pieces:
             flat = i == n - 1 and piece == pieces[-1]  # the flange
             bodies.append(_Body(i, radii[i], piece, radii[i] * flat, static=i == 0 and piece == ALONG_D))
-    tool_T_flange = invert(forward(robot.table[n:], np.zeros((1, 0)), []).base_T_frame[0, -1])
-    flange, held = tool_T_flange[:3, 3], tool_T_jig[:3, 3] + max(back_mm, 0.0) * tool_T_jig[:3, 2]
+    flange, held = tip_T_last(robot)[:3, 3], tool_T_jig[:3, 3] + max(back_mm, 0.0) * tool_T_jig[:3, 2]
     if np.linalg.norm(held - flange) > TOOL_MM:  # straight to the jig, behind which it ends
         bodies.append(_Body(n, TOOL_MM, FIXED, TOOL_MM, tuple(flange), tuple(held)))
     if jig is not None:
@@ -144,17 +146,10 @@ def arm_bodies(
         bodies = [replace(body, hides=body.hides and body.link < n - 2) for body in bodies]
         eye = tuple(flange_T_scanner[:3, 3])
         bodies.append(_Body(n - 1, SCANNER_MM, FIXED, start_mm=eye, end_mm=eye, hides=False))
-    arm = ArmBodies(
-        link=np.array([b.link for b in bodies], dtype=np.intp),
-        radius_mm=np.array([b.radius_mm for b in bodies], dtype=float),
-        piece=np.array([b.piece for b in bodies], dtype=np.intp),
-        start_mm=np.array([b.start_mm for b in bodies], dtype=float).reshape(-1, 3),
-        end_mm=np.array([b.end_mm for b in bodies], dtype=float).reshape(-1, 3),
-        shortened_mm=np.array([b.shortened_mm for b in bodies], dtype=float),
-        hides=np.array([b.hides for b in bodies], dtype=bool),
-        static=np.array([b.static for b in bodies], dtype=bool),
-        meshes=dict(meshes),
-    )
+    columns = {
+        each.name: np.array([getattr(body, each.name) for body in (*bodies, _NONE)])[:-1] for each in fields(_Body)
+    }
+    arm = ArmBodies(**columns, meshes=dict(meshes))
     return replace(arm, pairs=_pairs(robot, arm))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import viser
 
@@ -39,8 +39,6 @@ from inspector.server.viser_server import InspectorServer, guard_gui
 from inspector.server.worker import LongWork, Worker
 from inspector.session.dropped import dataset_needed, dataset_of_session, is_session_file, read_session
 from inspector.session.session_file import Saved
-
-T = TypeVar("T")
 
 
 @dataclass
@@ -239,15 +237,19 @@ class Imports:
         )
         joints = by_name.get(str(window.joints.value))
         points = by_name.get(str(window.points.value))
-        told = {label: str(field.value) for label, field in window.told.items()}
-        sigma, wrong_sigma = _typed(SIGMA, told[SIGMA], typed_length_mm)
-        tool, wrong_tool = _typed(TOOL, told[TOOL], typed_point_mm)
-        mass, wrong_mass = _typed(MASS, told[MASS], typed_size)
-        edge, wrong_edge = _typed(EDGE, told[EDGE], typed_size)
-        at.wrong = (*wrong_sigma, *wrong_tool, *wrong_mass, *wrong_edge)
+        typed: dict[str, Any] = {}
+        wrong = []
+        for label, (name, read) in _TYPED.items():
+            text = str(window.told[label].value).strip()
+            try:
+                typed[name] = read(text) if text else None
+            except ValueError as error:
+                typed[name] = None
+                wrong.append(f"{label}: {error}")
+        at.wrong = tuple(wrong)
         at.choice = replace(
             at.choice, robot=robot, reading=reading, joints=joints, points=points or joints,
-            point_sigma_mm=sigma, tool_mm=tool, tool_mass_kg=mass, edge_mm=edge, skip_bad_rows=bool(window.skip.value),
+            skip_bad_rows=bool(window.skip.value), **typed,
         )  # fmt: skip
         yield from self._plan(at)
 
@@ -308,11 +310,10 @@ def _session_among(folder: Path, ready: Dataset | None) -> tuple[Saved | None, s
     return saved, f"{path.name} is a session on this dataset, and is opened with it."
 
 
-def _typed(label: str, text: str, read: Callable[[str], T]) -> tuple[T | None, tuple[str, ...]]:
-    """Value of a field of the window, None where it is empty, and a fault where it cannot be read."""
-    if not text.strip():
-        return None, ()
-    try:
-        return read(text), ()
-    except ValueError as error:
-        return None, (f"{label}: {error}",)
+_TYPED: dict[str, tuple[str, Callable[[str], object]]] = {
+    SIGMA: ("point_sigma_mm", typed_length_mm),
+    TOOL: ("tool_mm", typed_point_mm),
+    MASS: ("tool_mass_kg", typed_size),
+    EDGE: ("edge_mm", typed_size),
+}
+"""Fields of the window that are typed: what of the choice each is, and how it is read."""

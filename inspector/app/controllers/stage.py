@@ -1,36 +1,43 @@
-"""Drawing of the 3D scene and of the panels that show a pose. Runs on the worker's thread only."""
+"""Drawing of the 3D scene and of the panels that show a pose, and what is selected. On the worker's thread only."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
+import numpy as np
 import viser
 
+from calib.array_types import Array, BoolArray
+from calib.calibration.model_versions import VERSIONS
 from calib.corners.search import CornerSearch
 from calib.errors import ScanError
 from calib.present.names import instrument
 from calib.scans.scan import Scan
-from inspector.app.controllers.comparison_controller import ComparisonController
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.markup.legend import legend_html
 from inspector.markup.parts.palette import BRAND, rgb
 from inspector.panels.base import put
 from inspector.scene.camera import Camera
+from inspector.scene.draw_model import ArmDrawing, draw_distance, draw_jig, jig_distances
 from inspector.scene.draw_scan import (
     PLANE_LAYERS,
+    draw_corners,
     draw_overview,
     draw_planes,
     draw_pose,
     field_of_scanner,
     fitting_ellipsoids,
+    place_overview,
 )
+from inspector.scene.residual_arrows import ResidualArrows, fitting_arrows
 from inspector.scene.scene_view import SceneView
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Shown
-from inspector.session.view import FACTORS, POINT_VIEWS, VIEWS
+from inspector.session.view import ALL_POSES, COLOURINGS, FACTORS, POINT_VIEWS, VIEWS, corner_of
 
 ALL_SCANS, ARM = "All scans", "Arm"
+MODEL_VIEWS = (ARM, "All corners")  # where the model's errors are seen
 
 
 class SceneController:
@@ -49,10 +56,11 @@ class SceneController:
         self._server, self._state, self._scans, self._panels = server, state, scans, panels
         self.on_click = on_click
         self.scene = SceneView(server)
-        self.comparison = ComparisonController(
-            state, self.scene, panels.compare,
-            on_click=on_click, on_joint=on_joint, show_legend=self.show_legend,
-        )  # fmt: skip
+        self._arm = ArmDrawing(self.scene, on_joint)
+        self.residuals = ResidualArrows(self.scene, on_click)
+        self._scan: Scan | None = None  # the selected pose's
+        self.distances_mm: Array | None = None  # (N,) of its points to the jig, NaN off it; None without a corner
+        self._drawn = False  # whether they are in the scene
         self._camera = Camera(self.scene, panels.review.show_layers)
         # Whether a page is light or dark is its own matter: server/client/theme.js.
         server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=rgb(BRAND))
@@ -80,8 +88,8 @@ class SceneController:
             self._camera.turn_to(view, self._scans.medians)
             setups = view.session.dataset.poses.setup
             self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
-            self.comparison.draw_scan(scan, self._camera.visible)
-            self.comparison.draw()
+            self._draw_scan(scan)
+            self.draw_versions()
         self._panels.review.update(view)
         self._panels.scans.update_scan(view, scan, drawn)
         self._panels.planes.update(view)
@@ -93,7 +101,7 @@ class SceneController:
 
     def draw_model(self, first: bool) -> None:
         """Draw what the model predicts, in 3D and in the tab Compare; `first` where the dataset had no model before."""
-        self.comparison.draw()
+        self.draw_versions()
         if first:
             view = self._state.now
             self.scene.draw_instrument(instrument(view.session.dataset), field_of_scanner(view))
@@ -126,7 +134,7 @@ class SceneController:
         """Show the meaning of the colours in the 3D view."""
         view = self._state.view
         if view is not None:
-            self._panels.review.show_legend(legend_html(view, self._camera.visible, self.comparison.distances_mm))
+            self._panels.review.show_legend(legend_html(view, self._camera.visible, self.distances_mm))
 
     # ---- how it is drawn --------------------------------------------------------------------------------------------
 
@@ -146,16 +154,16 @@ class SceneController:
     def change_arrows(self, factor: float | None) -> None:
         """Draw residuals enlarged by a factor; None chooses it by their size."""
         if factor is None:
-            self.comparison.change(arrows_chosen=False)
+            self._change_versions(arrows_chosen=False)
         else:
-            self.comparison.change(arrows=factor, arrows_chosen=True)
+            self._change_versions(arrows=factor, arrows_chosen=True)
 
     def layer(self, name: str, visible: bool) -> None:
         """Show or hide one layer."""
         self._camera.layer(name, visible)
         if name in PLANE_LAYERS and visible and self._state.view is not None:
             draw_planes(self.scene, self._state.view, self._camera.visible)
-        self.comparison.draw_distance(self._camera.visible)
+        self._draw_distance()
         self.show_legend()
 
     def show_view(self, name: str) -> None:
@@ -164,7 +172,7 @@ class SceneController:
         view = self._state.view
         if view is not None:
             draw_planes(self.scene, view, self._camera.visible)
-            self.comparison.draw_distance(self._camera.visible)
+            self._draw_distance()
             self._camera.at(view, self._scans.medians)
             self.show_legend()
 
@@ -207,6 +215,111 @@ class SceneController:
         view = self._state.view
         if view is not None:
             self._camera.at(view, self._scans.medians, side)
+
+    # ---- versions of the model --------------------------------------------------------------------------------------
+
+    def draw_versions(self) -> None:
+        """Draw what each chosen version predicts, and the errors at the selected pose."""
+        view = self._state.now
+        factor = view.arrows if view.arrows_chosen else fitting_arrows(view)
+        if factor != view.arrows:
+            self._state.change(arrows=factor)
+            view = self._state.now
+        with self.scene.atomic():
+            draw_corners(self.scene, view, self.on_click)
+            place_overview(self.scene, view)
+            self.residuals.draw(view)
+            self._arm.draw(view)
+        self._panels.compare.update(view, self._arm.problems)
+        self.show_legend()
+
+    def _draw_scan(self, scan: Scan | None) -> None:
+        """Draw the jig's model over the selected pose's scan."""
+        view = self._state.now
+        self._scan, self.distances_mm, self._drawn = scan, jig_distances(view, scan), False
+        draw_jig(self.scene, view)
+        self._draw_distance()
+        self._panels.compare.update_distance(view, self.distances_mm)
+
+    def _draw_distance(self) -> None:
+        """Colour the scan's points by their distance to the jig; sent only once the layer is visible."""
+        if "distance" in self._camera.visible and not self._drawn:
+            draw_distance(self.scene, self._scan, self.distances_mm)
+            self._drawn = True
+        elif not self._drawn:
+            draw_distance(self.scene, None, None)
+
+    def _change_versions(self, **what: float | str | frozenset[str] | None) -> None:
+        """Change how the model is drawn: `View.arrows`, `arrows_chosen`, `chosen`, `compared`, `pairs`, `colouring`."""
+        self._state.change(**what)
+        self.draw_versions()
+
+    def version(self, name: str) -> None:
+        """Show the arm, errors and arrows of a version by its name, if there is one.
+
+        Of the arrows only those to others that the user has ticked stay.
+        """
+        view = self._state.now
+        if view.version is not None and name in [version.name for version in view.versions]:
+            self._change_versions(chosen=name, compared=view.compared - {view.version.name} | {name}, step=None)
+            self._panels.show_model(self._state.now)
+
+    def show_prediction(self, name: str, shown: bool) -> None:
+        """Show or hide the points that a version predicts."""
+        if name in VERSIONS:
+            compared = self._state.now.compared
+            self._change_versions(compared=compared | {name} if shown else compared - {name})
+
+    def show_pairs(self, name: str) -> None:
+        """Show all poses' arrows, or of paired poses those before or after the change, or what it moved."""
+        if name == ALL_POSES or name in self._state.now.pair_choices:
+            self._change_versions(pairs=name)
+
+    def colour_by(self, by: str) -> None:
+        """Colour the measured points by their pose's role or by their error."""
+        if by in COLOURINGS:
+            self._change_versions(colouring=by)
+
+    # ---- what is selected -------------------------------------------------------------------------------------------
+
+    def joint(self, number: int | None) -> None:
+        """Select a joint, counted from 1; the selected one again, or None, deselects."""
+        view = self._state.now
+        joint = None if number is None or number - 1 == view.joint else number - 1
+        if joint == view.joint or (joint is not None and not 0 <= joint < view.session.dataset.robot.n_joints):
+            return
+        self._state.change(joint=joint)
+        view = self._state.now
+        self.draw_versions()
+        self._panels.review.update(view)
+        self._panels.residuals.choose_joint(view)
+
+    def box(self, is_in_box: Callable[[Array], BoolArray] | None) -> None:
+        """Select the poses whose measured points lie in a box on the screen; None clears the box."""
+        view = self._state.now
+        poses = view.session.dataset.poses
+        boxed: tuple[int, ...] = ()
+        if is_in_box is not None:
+            here = [i for i in range(len(poses)) if poses.setup[i] == poses.setup[view.pose]]
+            found = [(i, point[0]) for i in here if (point := corner_of(view, i)) is not None]
+            inside = is_in_box(np.array([place for _, place in found]).reshape(-1, 3))
+            boxed = tuple(i for (i, _), is_in in zip(found, inside, strict=True) if is_in)
+        if boxed != view.boxed:
+            self._state.change(boxed=boxed)
+            self.draw_versions()
+        self._panels.review.show_box(self._state.now)
+
+    def step(self, number: int) -> None:
+        """Show the arm and errors of the nominal robot (0), or of the model after a step, counted from 1.
+
+        In 3D, too, where something else is looked at.
+        """
+        view = self._state.now.at_step(number)
+        self._state.change(chosen=view.chosen, compared=view.compared, step=view.step)
+        self.draw_versions()
+        self._panels.show_model(self._state.now)
+        if self._camera.name not in MODEL_VIEWS:
+            self.follow(ARM)
 
     @property
     def view_name(self) -> str:

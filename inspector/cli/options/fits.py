@@ -1,4 +1,4 @@
-"""Options of the commands that fit a model. Nothing slow is imported."""
+"""Options of the commands that fit a model, and of the one that plans poses. Nothing slow is imported."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.options import CORRECTION_KINDS, DEFAULT_FOLDS, REFITS, FitOptions
+from calib.planning.purpose import purposes
 from inspector.cli.options import values
 from inspector.cli.options.declaration import argument, flag, option, several
 from inspector.cli.options.shared import (
@@ -14,6 +15,7 @@ from inspector.cli.options.shared import (
     DATASETS,
     FittingOptions,
     Output,
+    RobotFileOptions,
     WithAdding,
     WithModelOut,
     WithResidual,
@@ -118,3 +120,55 @@ class CheckOptions(FittingOptions):
 
     path: Path = argument(DATASETS)
     max_test_rmse_mm: float | None = option("what the test poses' error may be", metavar="X", parse=values.rmse_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions(FittingOptions, RobotFileOptions):
+    """Which poses to measure, and the error that they will leave."""
+
+    path: Path = argument("dataset folder, or a robot: a file of any form, rb5 or panda")
+    poses: int | None = option("a first set of K poses (default 20 for a robot)", metavar="K", parse=values.pose_count)
+    add: int | None = option(
+        "K more poses for a dataset (default 5, or as many as the purpose takes)",
+        metavar="K",
+        parse=values.pose_count,
+    )
+    purpose: str = option(
+        ", ".join([*(purpose.help for purpose in purposes().values()), "or effects with commas between"]),
+        "calibration",
+        metavar="WHAT",
+        spelled=["--for"],
+    )
+    region: str | tuple[float, ...] = option(  # a name, or x0, x1, y0, y1, z0, z1 of a box, mm
+        "where it is to be right: auto (the test poses where there are), test, measurable, all (joints' ranges), "
+        "or a box X0,X1,Y0,Y1,Z0,Z1 of the tool point, mm in the base frame",
+        "auto",
+        metavar="WHERE",
+        parse=values.plan_region,
+    )
+    candidates: Path | None = option("choose among these poses (columns as poses.csv) alone", metavar="FILE.csv")
+    target: str = option(
+        "of a robot: what is measured, a jig that shows three faces, or a ball or mirror, seen from everywhere",
+        "corner",
+        choices=("corner", "ball"),
+    )
+    boxes: Sequence[tuple[float, ...]] = several(  # as the box of a region
+        "of a robot: an obstacle, mm in the base frame; may be given several times",
+        metavar="X0,X1,Y0,Y1,Z0,Z1",
+        parse=values.box,
+    )
+    scanner: tuple[float, ...] | None = option(  # x, y, z, mm; then those of the point that it looks at
+        "where the scanner stands, mm in the base frame, and the point that it looks at (x,y,z)",
+        metavar="X,Y,Z[,TOWARD]",
+        parse=values.scanner_place,
+    )
+    noise_mm: float | None = option(
+        "of a measured point, each axis, for a robot (default 0.05)", metavar="X", parse=values.rmse_mm
+    )
+    payload_kg: float | None = option(
+        "a known payload that some poses may carry, for --for split, prove (default 2) and effects",
+        metavar="X",
+        parse=values.mass_kg,
+    )
+    seed: int = option("of the poses to choose from (default 0)", 0, parse=values.seed)
+    out: Path | None = option("write the poses: .csv (poses.csv)")

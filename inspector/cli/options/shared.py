@@ -13,6 +13,7 @@ from inspector.cli.options.declaration import argument, flag, option, several
 
 if TYPE_CHECKING:
     from calib.dataset.dataset import Dataset
+    from calib.robot_formats.robot_file import ReadOptions
 
 A_DATASET = "dataset folder"
 DATASETS = "dataset folder, or a folder of them"
@@ -144,3 +145,10 @@ class RobotFileOptions(Output):
         parse=values.named_folder,
         spelled=("--package", "--xacro-package"),
     )
+
+    def reading(self, *, named: bool = True) -> ReadOptions:
+        """Options for `read_robot`; a xacro is run and meshes are looked for only where the user `named` the file."""
+        from calib.robot_formats.robot_file import ReadOptions  # slow to load
+
+        xacro_args, packages = (dict(self.xacro_arg), dict(self.package)) if named else (None, None)
+        return ReadOptions(self.tip, self.base, self.convention, self.model, xacro_args, packages)

@@ -34,13 +34,11 @@ from calib.robot_formats.robot_file import named_robot
 from calib.workcell.known_cell import CUBE_CORNER, workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD
 from calib.workcell.scanner_place import scanner_at
-from calib.workcell.workcell import Workcell
 from inspector.cli.calibrate_command import loaded_effects
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.options.planning import PlanOptions
+from inspector.cli.options.fits import PlanOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import stages
-from inspector.cli.robots.reading import reading_of
 from inspector.export.plan_files import check_plan_file, planned_file
 
 BALL = "ball"
@@ -60,7 +58,7 @@ def run_plan(options: PlanOptions) -> int:
     if purpose is not None and purpose.of_diagnosis:
         task = _task(options, purpose)
     else:
-        criterion = criterion_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
+        criterion = criterion_of(options.purpose, payload_kg=options.payload_kg)
         if options.path.is_dir() and options.poses is None:
             start, user_effects = _dataset_start(options)
             task = PlanTask(start, options.add or (purpose.usual_count if purpose else FURTHER), criterion)
@@ -91,12 +89,21 @@ def _check_outputs(options: PlanOptions, dataset: Dataset) -> None:
     check_outputs(dataset, outputs, inputs)
 
 
+def _refuse(options: PlanOptions, *cases: tuple[object, str]) -> None:
+    """Raise CalibError for the first case that is given, with what is said of it."""
+    for given, why in cases:
+        if given:
+            raise CalibError(f"{options.path}: {why}")
+
+
 def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     """Measured dataset, and the user's own effects for it."""
-    if options.poses is not None:
-        raise CalibError(f"{options.path}: --poses is a first set; give --add for more of a dataset")
-    if options.noise_mm is not None:
-        raise CalibError(f"{options.path}: the noise is known from the fit; leave out --noise-mm")
+    _refuse(
+        options,
+        (options.poses is not None, "--poses is a first set; give --add for more of a dataset"),
+        (options.noise_mm is not None, "the noise is known from the fit; leave out --noise-mm"),
+        (options.scanner, "further poses are measured from where the scanner stood last; leave out --scanner"),
+    )
     dataset = load(options.path, options, options.finder)
     _check_outputs(options, dataset)
     dataset = measured(dataset, options.residual)
@@ -105,15 +112,8 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
 
 def _task(options: PlanOptions, purpose: PlanPurpose) -> PlanTask:
     """Poses that serve a purpose after a dataset's diagnosis, such as to tell confounded effects apart."""
-    if not options.path.is_dir():
-        raise CalibError(
-            f"{options.path}: --for {purpose.name} settles what a dataset's diagnosis left open; give its folder"
-        )
-    if options.scanner is not None:
-        raise CalibError(
-            f"{options.path}: a set is settled from where the scanner stood; leave out --scanner with --for "
-            f"{options.purpose}"
-        )
+    is_robot = not options.path.is_dir()
+    _refuse(options, (is_robot, f"--for {purpose.name} settles what a dataset's diagnosis left open; give its folder"))
     dataset, user_effects = _dataset_of(options)
     with stages() as on_step:
         diagnosis = diagnose(
@@ -124,43 +124,35 @@ def _task(options: PlanOptions, purpose: PlanPurpose) -> PlanTask:
 
 def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
     dataset, user_effects = _dataset_of(options)
-    base_T_scanner = None
-    if options.scanner is not None:
-        base_T_scanner = _placed(options.scanner, workcell_of_robot(dataset.robot))
+    effects = effects_named(dataset, options.effect, user_effects)
     with stages() as on_step:
         start = start_of_dataset(
-            dataset,
-            options.fit_options(),
-            effects=effects_named(dataset, options.effect, user_effects),
-            user_effects=user_effects,
-            base_T_scanner=base_T_scanner,
-            on_step=on_step,
+            dataset, options.fit_options(), effects=effects, user_effects=user_effects, on_step=on_step
         )
     return start, user_effects
 
 
 def _first_start(options: PlanOptions) -> FromRobot:
     """Start of a plan from a robot, or from a dataset's arm and cell without its measurements."""
-    if options.add is not None:
-        raise CalibError(f"{options.path}: --add is more of a dataset, --poses a first set: give the one that you want")
-    if options.effects_file is not None or options.effect:
-        raise CalibError(f"{options.path}: effects are of a dataset's fit; name those that you suspect with --for")
-    if not options.path.is_dir():
-        jig = None if options.target == BALL else CUBE_CORNER
-        boxes = tuple(Box(f"box {k + 1}", *_corners(box)) for k, box in enumerate(options.boxes))
-        around = Surroundings(boxes=boxes)
-        cell = workcell_of_robot(_robot(options), jig=jig, surroundings=around)
-        if options.scanner is not None:
-            placed = _placed(options.scanner, workcell_of_robot(cell.robot))
-            cell = workcell_of_robot(cell.robot, base_T_scanner=placed, jig=jig, surroundings=around)
-        return FromRobot(cell, options.noise_mm or DEFAULT_NOISE_MM, options.fit_options())
-    if options.scanner is not None:
-        raise CalibError(f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses")
-    dataset = load(options.path, options, options.finder)
-    _check_outputs(options, dataset)
-    cell = workcell_of_dataset(measured(dataset))
-    noise_mm = options.noise_mm or dataset.scanner.point_sigma_mm or DEFAULT_NOISE_MM
-    return FromRobot(cell, noise_mm, options.fit_options())
+    is_dataset = options.path.is_dir()
+    of_fit = options.effects_file is not None or options.effect
+    _refuse(
+        options,
+        (options.add is not None, "--add is more of a dataset, --poses a first set: give the one that you want"),
+        (of_fit, "effects are of a dataset's fit; name those that you suspect with --for"),
+        (is_dataset and options.scanner, "the scanner stands where it stood; leave out --scanner with --poses"),
+    )
+    if is_dataset:
+        dataset = load(options.path, options, options.finder)
+        _check_outputs(options, dataset)
+        noise_mm = options.noise_mm or dataset.scanner.point_sigma_mm or DEFAULT_NOISE_MM
+        return FromRobot(workcell_of_dataset(measured(dataset)), noise_mm, options.fit_options())
+    jig = None if options.target == BALL else CUBE_CORNER
+    around = Surroundings(boxes=tuple(Box(f"box {k + 1}", *_corners(box)) for k, box in enumerate(options.boxes)))
+    robot = _robot(options)
+    placed = None if options.scanner is None else _placed(options.scanner, robot)
+    cell = workcell_of_robot(robot, base_T_scanner=placed, jig=jig, surroundings=around)
+    return FromRobot(cell, options.noise_mm or DEFAULT_NOISE_MM, options.fit_options())
 
 
 def _candidates(path: Path, start: Start) -> Poses:
@@ -192,19 +184,18 @@ def _corners(box: Sequence[float]) -> tuple[Vector, Vector]:
 
 def _robot(options: PlanOptions) -> Robot:
     """Robot given by a built-in name or a file."""
-    name = str(options.path)
-    builtin = name.lower() in BUILTIN_ROBOTS and not options.path.exists()
-    if not builtin and not options.path.exists():
+    name, is_there = str(options.path), options.path.exists()
+    builtin = not is_there and name.lower() in BUILTIN_ROBOTS
+    if not builtin and not is_there:
         known = " or ".join(BUILTIN_ROBOTS)
         raise CalibError(f"{name}: no such file or folder; give a dataset's folder, a robot's file, or {known}")
-    return named_robot(name.lower() if builtin else name, reading_of(options)).robot
+    return named_robot(name.lower() if builtin else name, options.reading()).robot
 
 
-def _placed(numbers: Sequence[float], usual: Workcell) -> Array:
+def _placed(numbers: Sequence[float], robot: Robot) -> Array:
     """base_T_scanner of the option --scanner; the scanner looks at the default point where none is given."""
-    place_mm = np.array(numbers[:3])
     if len(numbers) == 6:
-        return scanner_at(place_mm, np.array(numbers[3:]))
-    assert usual.base_T_scanner is not None
-    middle_mm = usual.base_T_scanner[:3, 3] + JANG_FIELD.distance_mm * usual.base_T_scanner[:3, 2]
-    return scanner_at(place_mm, middle_mm)
+        return scanner_at(np.array(numbers[:3]), np.array(numbers[3:]))
+    usual = workcell_of_robot(robot).base_T_scanner
+    assert usual is not None
+    return scanner_at(np.array(numbers), usual[:3, 3] + JANG_FIELD.distance_mm * usual[:3, 2])

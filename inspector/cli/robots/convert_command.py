@@ -1,4 +1,4 @@
-"""The command `convert`: a robot from one file format into another."""
+"""The commands on a robot's file: `convert` into another form, and `where` its frames are at joint values."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from calib.dataset.files.atomic_write import write_bytes_atomically
+from calib.dataset_import.where import frames_told
 from calib.errors import CalibError
+from calib.present.where import frames_document, frames_text
 from calib.robot_formats.robot_file import RobotFile, conversion_error_mm, read_robot
 from calib.robot_formats.robots import require_written, robot_content
 from inspector.cli.dataset_commands import show
-from inspector.cli.options.robots import ConvertOptions
-from inspector.cli.robots.reading import reading_of
+from inspector.cli.options.datasets import ConvertOptions, WhereOptions
 
 
 def run_convert(options: ConvertOptions) -> int:
     """Read a robot and write it in another file format."""
     _check_out(options)
-    found = read_robot(options.source, reading_of(options))
+    found = read_robot(options.source, options.reading())
     content, said = robot_content(found.robot, options.out, options.template)
     write_bytes_atomically(options.out, content)
     text = "\n".join([f"{options.out}: {found.summary}", *said])
@@ -48,3 +49,10 @@ def _document(options: ConvertOptions, found: RobotFile, said: Sequence[str]) ->
         "largest_difference_mm": None if chain is None else conversion_error_mm(robot, chain),
         "notes": [*found.notes, *said],
     }
+
+
+def run_where(options: WhereOptions) -> int:
+    """Tell where frames are."""
+    told = frames_told(options.robot, options.poses, options.joints, options.frame, options.reading())
+    show(options, frames_document(told), frames_text(told))
+    return 0

@@ -23,9 +23,8 @@ from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError, visible
 from calib.present.cause.diagnosis import diagnosis_document
 from inspector.cli.dataset_commands import measured, show
-from inspector.cli.options.robots import ImportOptions
+from inspector.cli.options.datasets import ImportOptions
 from inspector.cli.progress import progress, stages
-from inspector.cli.robots.reading import reading_of
 from inspector.export.import_document import plan_document, plan_lines, question_lines
 
 
@@ -70,7 +69,7 @@ def _named(options: ImportOptions) -> UserFiles:
 
 
 def _choice(options: ImportOptions) -> ImportSources:
-    reading = reading_of(options, named=options.robot is not None)
+    reading = options.reading(named=options.robot is not None)
     choice = ImportSources(
         robot=options.robot, reading=reading, joints=options.joints, points=options.points,
         mapping=parsed_mapping(options.map), point_sigma_mm=options.sigma, place_sigma_mm=options.place_sigma,

@@ -14,8 +14,7 @@ from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refuse_beyond
 from calib.errors import DatasetError
 from calib.options import BUILTIN_ROBOTS
-from calib.simulation.measured_dataset import write_simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import simulate_dataset, write_simulation
 from inspector.cli.dataset_commands import show
 from inspector.cli.options.datasets import SimulateOptions
 from inspector.cli.progress import progress

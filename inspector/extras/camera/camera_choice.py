@@ -8,7 +8,7 @@ from calib.dataset_import.plan import ImportSources
 from calib.extras.camera.importing.camera_import import CameraImport
 from calib.extras.camera.importing.camera_views import CameraChoice
 from inspector.cli.additions import ImportAddition
-from inspector.cli.options.robots import ImportOptions
+from inspector.cli.options.datasets import ImportOptions
 from inspector.extras.camera.options import CameraOptions
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from calib.extras.robot_programs.measuring_program import measuring_program, program_files
 from calib.planning.plan import Plan
 from inspector.cli.additions import PlanAddition
-from inspector.cli.options.planning import PlanOptions
+from inspector.cli.options.fits import PlanOptions
 from inspector.extras.robot_programs.options import PlanProgramOptions
 
 

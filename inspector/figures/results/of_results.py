@@ -22,7 +22,7 @@ from calib.planning.plan import Plan
 from calib.present.fit.residuals import AXES, LENGTH, joint_title, shown, turned
 from calib.present.names import input_title
 from calib.screening.curves.fitted_curves import fitted_curves
-from calib.validation.learning_curve import LearningCurve
+from calib.validation.cross_validation import LearningCurve
 from inspector.figures import curve_plots, plots, residual_plots
 from inspector.figures.results.alone import titled
 

@@ -12,7 +12,7 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError
 from calib.extras.watch.watch import watch
-from calib.simulation.measured_dataset import measure
+from calib.simulation.simulate import measure
 from calib.simulation.truth.equilibrium import Truth
 from tests.support.flange_mount import MADE, RB5
 

@@ -18,8 +18,7 @@ from calib.diagnosis.effect_selection import GEOMETRY
 from calib.measurement.measured_points import with_corners
 from calib.present.fit.corners import face_labelling
 from calib.rendering import numbers
-from calib.simulation.measured_dataset import write_simulation
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import simulate_dataset, write_simulation
 from inspector.app.app import App
 from inspector.export.csv_files import corners_csv
 from inspector.session import measuring

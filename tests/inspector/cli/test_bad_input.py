@@ -13,7 +13,7 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import load_robot_toml
-from calib.simulation import measured_dataset
+from calib.simulation import simulate
 from inspector.cli import dataset_commands as commands
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
@@ -160,7 +160,7 @@ def test_a_simulation_that_is_stopped_leaves_nothing(
 ) -> None:
     """Else the next try with the same name is told that it exists and is not empty."""
     written: list[Path] = []
-    write_scan = measured_dataset.write_scan
+    write_scan = simulate.write_scan
 
     def fails_at_the_second(path: Path, scan: object) -> None:
         if written:
@@ -173,7 +173,7 @@ def test_a_simulation_that_is_stopped_leaves_nothing(
         folder.mkdir()
     arguments = ["simulate", str(folder), "--robot", "rb5", "--poses", "3", "--scans"]
     with monkeypatch.context() as patched:
-        patched.setattr(measured_dataset, "write_scan", fails_at_the_second)
+        patched.setattr(simulate, "write_scan", fails_at_the_second)
         assert main(arguments) in (2, 130)
     assert len(written) == 1
     assert folder.exists() == was_there

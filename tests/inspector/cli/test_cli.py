@@ -261,9 +261,10 @@ def test_simulated_scans_tell_how_noisy_they_are(tmp_path: Path) -> None:
     folder = tmp_path / "cell"
     printed("simulate", folder, "--robot", "rb5", "--poses", "2", "--scans")
     scanner = load_dataset(folder).scanner
+    told = scanner.scan_sigma_mm, scanner.correlated_sigma_mm, scanner.correlation_length_mm
+    assert told == (0.03, 0.06, 25.0)
     hidden = json.loads((folder / "truth.json").read_text())["scanner_errors"]
-    assert (hidden["scan_sigma_mm"], hidden["correlated_sigma_mm"]) == (scanner.scan_sigma_mm, 0.06)
-    assert scanner.correlated_sigma_mm == 0.06
+    assert (hidden["scan_sigma_mm"], hidden["correlated_sigma_mm"]) == told[:2]
 
 
 @pytest.mark.slow

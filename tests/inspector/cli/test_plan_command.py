@@ -74,7 +74,6 @@ def test_a_first_set_for_a_robot(tmp_path: Path) -> None:
         (["rb5", "--for", ","], "effects with commas between"),
         (["rb5", "--effect", "backlash"], "name those that you suspect with --for"),
         (["nothing.urdf"], "nothing.urdf: no such file or folder; give a dataset's folder"),
-        (["rb5", "--for", "backlash", "--criterion", "D"], "--criterion D is of a calibration"),
     ],
 )
 def test_what_cannot_be_planned_is_one_line(arguments: list[str], said: str) -> None:

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.folder import load_dataset
-from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.scanner import ScanModel
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import simulate_dataset, write_simulation
 from tests.support.commands import answered
 
 COARSE = ScanModel(points=6000, window_mm=80.0)

@@ -102,7 +102,7 @@ def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: Wir
     }
     app.show_view(look)
     idle(app)
-    visible, off_mm = VIEW_LAYERS[look], app.stage.comparison.distances_mm
+    visible, off_mm = VIEW_LAYERS[look], app.stage.distances_mm
     said_now = legend_html(view(app), visible, off_mm)
     for part in said[look]:
         assert part in said_now

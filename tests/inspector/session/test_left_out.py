@@ -14,7 +14,7 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import reopened
 from inspector.session.session import Session, asked_out
-from inspector.session.session_file import SavedModel, load_session, save_session
+from inspector.session.session_file import load_session, save_session
 from inspector.session.transitions import with_pose_taken_in, with_poses_left_out
 from inspector.session.undo import UNDO_STEPS, Undo
 from tests.support.commands import answered
@@ -138,27 +138,11 @@ def test_the_session_file_keeps_it(without: Session, folder: Path, tmp_path: Pat
 
 def test_a_reopened_session_goes_back_step_by_step_and_forward(without: Session, folder: Path, tmp_path: Path) -> None:
     save_session(tmp_path / "s.json", without)
-    now, undo = opened(tmp_path / "s.json", folder), Undo.of(load_session(tmp_path / "s.json"))
+    now = opened(tmp_path / "s.json", folder)
+    undo = Undo.of(now)
     before = undo.move(now, -1)
     assert before.uncounted == {TRAIN}
     assert undo.move(before, 1) is now
-
-
-def test_a_saved_model_that_does_not_fit_any_more_is_told_and_forgotten(without: Session) -> None:
-    other = Undo([SavedModel(history=_of_another_dataset(without))])
-    with pytest.raises(CalibError, match="no pose named"):
-        other.move(without, -1)
-    assert other.past == []
-    assert other.move(without, -1) is without
-
-
-def _of_another_dataset(session: Session) -> tuple:
-    import msgspec
-
-    from inspector.session.session_file import saved_history
-
-    nominal, *steps = saved_history(session)
-    return nominal, *(msgspec.structs.replace(step, asked_out=("nix",)) for step in steps)
 
 
 def test_undo_is_bounded(fitted: Session) -> None:
@@ -178,7 +162,7 @@ def test_a_session_keeps_so_many_steps_and_the_last_rankings_only(fitted: Sessio
     undo, before = Undo(), sessions.with_ranking(fitted)
     for _ in range(20):
         undo.changed(replace(before))
-    kept = [isinstance(entry, Session) and entry.screening is not None for entry in undo.past]
+    kept = [entry.screening is not None for entry in undo.past]
     assert kept == [False] * 12 + [True] * 8
 
 

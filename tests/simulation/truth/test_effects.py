@@ -17,7 +17,6 @@ from calib.kinematics.robot import Joint, Robot, Tool
 from calib.simulation.pose_design import draw_scanner_pose, draw_setups
 from calib.simulation.simulate import draw_conditions
 from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS, SIMULATED, SIMULATED_EFFECTS, draw_truth
-from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.equilibrium import Truth, base_T_target, scanner_T_target, solve_equilibrium
 from calib.simulation.truth.joint_effects import (
     AsymmetricScale,
@@ -38,7 +37,7 @@ from calib.simulation.truth.load_effects import (
     LinkBending,
     ToolSag,
 )
-from calib.simulation.truth.mechanism import Arm, Conditions
+from calib.simulation.truth.mechanism import Arm, Conditions, TrueEffect
 from calib.simulation.truth.order_effects import (
     BaseLoosening,
     FollowingError,
@@ -47,6 +46,7 @@ from calib.simulation.truth.order_effects import (
     TargetStep,
     WarmUp,
 )
+from calib.simulation.truth.sampling import SimulatedCell
 from calib.simulation.truth.scanner_effects import (
     FieldBump,
     IncidenceBias,
@@ -54,7 +54,6 @@ from calib.simulation.truth.scanner_effects import (
     ScannerDrift,
     ScannerScale,
 )
-from calib.simulation.truth.visibility import SimulatedCell
 
 ALL = (*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS)
 
