@@ -230,10 +230,10 @@ def _finder(
     if board.kind == "checkerboard":
         if dictionary is not None:
             raise CalibError(f"--dictionary {dictionary}: a checkerboard has no markers; leave it out")
-        if board.turns_alike:
+        if board.columns == board.rows:
             raise CalibError(
-                f"--board {board.text}: turned by half a turn it looks the same, so that its attitude cannot be told; "
-                "take a board with an odd number of squares along one side and an even one along the other"
+                f"--board {board.text}: turned by a quarter it looks the same, so that its attitude cannot be told; "
+                "take a board with more squares along one side than along the other"
             )
         return _checkerboard(cv2, board), ()
     seen_name = _dictionary(cv2, board, _DICTIONARIES[board.kind], tried)

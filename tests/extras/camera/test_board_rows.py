@@ -11,7 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from calib.dataset.files.robot_toml import load_robot_toml
 from calib.errors import CalibError
+from calib.extras.camera.board import board_of
 from calib.extras.camera.importing.camera_views import CameraPoints
+from calib.extras.camera.observed import CameraViews
+from tests.extras.camera.camera_dataset import true_lens
 from tests.support.camera_scene import ROBOT_FILE, Scene, flange, transform
 
 POSES = 20
@@ -85,6 +88,30 @@ def test_a_marker_of_a_slightly_other_size_is_doubted_and_bad_rows_doubt_none():
     assert float(doubt.split("lengths ")[1].split()[0]) == pytest.approx(1 / 1.03, rel=0.005)
     seen[::3] = larger[::3]
     assert settled(scene, scene.q, seen).doubts == ()
+
+
+@pytest.mark.parametrize("on_flange", [True, False])
+def test_a_board_that_half_a_turn_leaves_alike_is_taken_the_way_up_that_the_arm_tells(on_flange):
+    """A checkerboard of 10 x 8 squares was refused."""
+    rng = np.random.default_rng(4)
+    board = board_of("checkerboard:10x8:25")
+    scene = Scene.draw(rng, on_flange=on_flange, poses=16, link_mm=0.5, link_deg=0.1)
+    seen = noisy(scene.camera_T_board, rng)
+    turned = rng.random(16) < 0.5
+    turned[0] = False
+    corners, count = board.corners_mm, len(board.corners_mm)
+    corner = np.tile(np.arange(count), 16)
+    pixels = np.concatenate([scene.pixels(k, -corners if turned[k] else corners) for k in range(16)])
+    views = CameraViews(
+        true_lens(), board.text, 0.1, tuple(np.repeat(scene.names, count)), corner, np.tile(corners, (16, 1)), pixels
+    )
+    shown = np.where(turned[:, None, None], seen @ np.diag([-1.0, -1.0, 1.0, 1.0]), seen)
+    given = CameraPoints(scene.names, shown, np.tile(np.eye(6) * 1e-2, (16, 1, 1)), np.zeros((16, 6, 0)), views, None)
+    found = given.settled(load_robot_toml(Path(ROBOT_FILE)), scene.names, scene.q, ())
+    np.testing.assert_allclose(found.camera_T_board, seen, atol=1e-9)
+    for k, name in enumerate(scene.names):
+        view = found.views.of(name)
+        np.testing.assert_allclose(scene.pixels(k, view.board_mm), view.pixels, atol=1e-6)
 
 
 def test_a_wrong_mount_is_told_as_that(cell):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array
+from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import fit_measured
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses
@@ -23,7 +23,7 @@ from calib.dataset_import.pose_names import NameMatch, files_of_rows, matched
 from calib.dataset_import.reading import ImportReport, pose_ids, recognised
 from calib.errors import CalibError
 from calib.extras.camera.board import board_of
-from calib.extras.camera.board_hand_eye import MOUNTS, BoardHandEye, least_misfit_mm, misfit_mm
+from calib.extras.camera.board_hand_eye import MOUNTS, BoardHandEye, board_hand_eye, least_misfit_mm, misfit_mm
 from calib.extras.camera.detection import MeasuredViews, image_files, measured_images
 from calib.extras.camera.importing.board_rows import (
     FEWEST,
@@ -58,6 +58,7 @@ _EXPLAINED = 0.35  # of the misfit, which a size that explains it leaves at the 
 _HELPS = 0.8  # the same of a size that explains a part, in place and at most poses
 _LEAST_VARIANCES = np.array([[1e-6], [3e-10]])  # mm^2, rad^2
 _SIGMA_ROUNDS = 4
+_WAY_ROUNDS = 3  # in which a board is taken one way up or the other
 _ALIKE, _FEWEST_ALIKE = 0.5, 20  # correlation of successive poses' errors, and poses, that are no chance
 
 
@@ -261,6 +262,37 @@ def _read_by_arm(given: CameraPoints, base_T_flange: Array) -> CameraPoints:
     return replace(given, camera_T_board=chosen.base_T_flange, notes=(*given.notes, f"the marker's {chosen.form}"))
 
 
+def _right_way_up(
+    given: CameraPoints, views: CameraViews, base_T_flange: Array, setups: Sequence[IndexArray]
+) -> CameraPoints:
+    """The same with a board that half a turn leaves alike taken the way up that the arm tells, in each placement.
+
+    Turns between two poses are as large for the board as for the flange; what is left open the fit to most tells.
+    """
+    ways = np.stack([given.camera_T_board, given.camera_T_board @ np.diag([-1.0, -1.0, 1.0, 1.0])], axis=1)
+    chosen, is_turned = given.camera_T_board.copy(), np.zeros(len(ways), dtype=bool)
+    for rows in setups:
+        flange, either = base_T_flange[rows], ways[rows]
+        off = np.abs(_turn(either[0, 0], either) - _turn(flange[0], flange)[:, None])
+        for _ in range(_WAY_ROUNDS):
+            way = np.argmin(off, axis=1)
+            seen = either[np.arange(len(rows)), way]
+            fits = [board_hand_eye(flange, seen, on_flange=mount == "flange") for mount in MOUNTS]
+            off = _turn(min(fits, key=lambda fit: fit.misfit_mm).predicted(flange)[:, None], either)
+        chosen[rows], is_turned[rows] = seen, way == 1
+    turned = np.isin(views.pose, [name for name, one in zip(given.names, is_turned, strict=True) if one])
+    board = board_of(views.board)
+    corner = np.where(turned, len(board.corners_mm) - 1 - views.corner, views.corner)
+    return replace(given, camera_T_board=chosen, views=replace(views, corner=corner, board_mm=board.corners_mm[corner]))
+
+
+def _turn(one: Array, other: Array) -> Array:
+    """Angles (...), rad, by which poses (..., 4, 4) are turned against each other."""
+    return np.linalg.norm(
+        frames.rotvec_from_rotation(np.swapaxes(one, -1, -2)[..., :3, :3] @ other[..., :3, :3]), axis=-1
+    )
+
+
 def settled_camera(
     given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array, setups: Sequence[str]
 ) -> CameraPoints:
@@ -282,6 +314,9 @@ def settled_camera(
     plain = to_fit(given)
     if given.readings:
         given = _read_by_arm(given, flange_poses(plain))
+        plain = to_fit(given)
+    if given.views is not None and board_of(given.views.board).turns_alike:
+        given = _right_way_up(given, given.views, flange_poses(plain), of_setups(plain))
         plain = to_fit(given)
     notes, mount = list(given.notes), given.mount
     names = ("the arm's poses", "the images" if given.views is not None else "the marker's poses")
