@@ -43,7 +43,6 @@ class BoardHandEye:
     scale: float  # of the measured lengths at which they agree best with the arm's; 1 where they agree
     scale_sigma: float
     scaled_mm: float  # root mean square of the good poses' errors with that scale, 3D
-    is_determined: bool
 
     @property
     def rms_mm(self) -> float:
@@ -101,8 +100,8 @@ def board_hand_eye(base_T_flange: Array, camera_T_board: Array, *, on_flange: bo
     return BoardHandEye(on_flange, camera, board, error_mm, error_rad, good, *scale)
 
 
-def _scale(moved: Array, seen_mm: Array) -> tuple[float, float, float, bool]:
-    """Scale s of lengths with its sigma, the errors' root mean square with it, mm, and whether the poses determine it.
+def _scale(moved: Array, seen_mm: Array) -> tuple[float, float, float]:
+    """Scale s of lengths with its sigma, infinite where the poses leave it open, and the root mean square with it, mm.
 
     With the camera's attitude as it was found, R_A t_X + t_A = s seen + t_Y is linear in s and in both places.
     moved: A, poses (N, 4, 4) of what moves against what does not. seen_mm: the board's (N, 3), along the parent's axes.
@@ -113,10 +112,10 @@ def _scale(moved: Array, seen_mm: Array) -> tuple[float, float, float, bool]:
     found, _, rank, _ = np.linalg.lstsq(columns / size, shifts, rcond=_OPEN)
     left = (columns / size) @ found - shifts
     sigma = float("inf")
-    if determined := bool(rank == len(size) < len(left)):
+    if rank == len(size) < len(left):
         variance = float(left @ left) / (len(left) - len(size))
         sigma = float(np.sqrt(variance * np.linalg.inv(columns.T @ columns)[-1, -1]))
-    return float(found[-1] / size[-1]), sigma, rms_length(left.reshape(-1, 3)), determined
+    return float(found[-1] / size[-1]), sigma, rms_length(left.reshape(-1, 3))
 
 
 def misfit_mm(base_T_flange: Array, camera_T_board: Array, *, on_flange: bool, most: float = MOST) -> float:

@@ -95,17 +95,6 @@ def test_a_lens_is_found_from_the_images_and_its_errors_are_shared(cell, tmp_pat
     assert np.allclose(load_dataset(tmp_path / "copy").points.shared, dataset.points.shared)
 
 
-@pytest.mark.thorough
-def test_a_board_of_another_size_or_square_count_is_refused(cell, tmp_path, capsys):
-    folder, _ = cell
-    lens = ["--intrinsics", str(folder / "lens.json")]
-    assert importing(folder, tmp_path / "cell", *lens, board="charuco:8x6:33:24.2") == 2
-    assert "times as large" in capsys.readouterr().err
-    assert importing(folder, tmp_path / "cell", *lens, board="apriltag:6x6:40:12") == 2
-    assert "no image shows the board apriltag:6x6:40:12" in capsys.readouterr().err
-    assert not (tmp_path / "cell").exists()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "says"),

@@ -412,7 +412,7 @@ def _doubted_size(dataset: Dataset, fits: Sequence[BoardHandEye], given: CameraP
     """
     for fit, rows in zip(fits, of_setups(dataset), strict=True):
         off = abs(1.0 / fit.scale - 1.0) if fit.scale > 0.0 else float("inf")
-        if not fit.is_determined or off < _WRONG_SCALE or abs(fit.scale - 1.0) < _SURE * fit.scale_sigma:
+        if off < _WRONG_SCALE or abs(fit.scale - 1.0) < _SURE * fit.scale_sigma:
             return None
         flange, seen = flange_poses(dataset)[rows], board_poses(dataset)[rows]
         scaled = frames.make_transform(seen[:, :3, :3], fit.scale * seen[:, :3, 3])
