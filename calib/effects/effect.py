@@ -26,7 +26,7 @@ It may carry what `CatalogueEffect` has besides: `noun`, `equation`, `needs`, `n
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol, TypeGuard, get_args, runtime_checkable
@@ -173,6 +173,7 @@ class CatalogueEffect(ABC):
     under_load: ClassVar[bool] = False  # whether it follows gravity's load, so that unknown masses confound it
     of: ClassVar[PartOf] = "arm"  # what its cause is a part of
     changes_arm: ClassVar[bool] = False  # whether it is another before and after a pose; later poses are as the last
+    members_of: ClassVar[Literal["joints", "revolute joints", "cell"]] = "joints"  # what the family has one member for
     grows_with_angle: ClassVar[bool] = False  # whether it follows the size of one joint's angle, as a part of much does
 
     def __init_subclass__(cls) -> None:
@@ -193,9 +194,16 @@ class CatalogueEffect(ABC):
         return Family(cls.name, (), why_not, would_help, covered=covered)
 
     @classmethod
-    @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect for a dataset's robot and conditions; marked as untestable if data are missing."""
+        """Family of this effect for a dataset's robot and conditions; marked as untestable if data are missing.
+
+        As it stands it has a member for each joint, each revolute joint, or one for the whole cell (`members_of`).
+        """
+        robot = dataset.robot
+        joints = range(robot.n_joints) if cls.members_of == "joints" else robot.revolute_joints
+        make: Any = cls  # its fields are those of a dataclass
+        members = (make(),) if cls.members_of == "cell" else tuple(make(joint) for joint in joints)
+        return Family(cls.name, members)
 
 
 _CATALOGUE = "calib.effects.catalogue."

@@ -68,6 +68,18 @@ class JointOffset:
 
 
 @dataclass(frozen=True)
+class JointLaw(ShapedEffect):
+    """Effect that errs the position of one joint by a sum of shapes, each a number per pose, times its parameters."""
+
+    joint: int
+
+    @property
+    def displacement(self) -> JointOffset:
+        """An error of the joint's position."""
+        return JointOffset(self.joint)
+
+
+@dataclass(frozen=True)
 class TargetShift:
     """A shift of the target along the flange's x, y and z: mm."""
 

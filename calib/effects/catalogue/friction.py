@@ -10,7 +10,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Family, NaturalBound, Parameter
-from calib.effects.shaped import JointOffset, ShapedEffect
+from calib.effects.shaped import JointLaw
 from calib.effects.state import RobotState
 
 LENGTHS_DEG = (10, 30, 90)
@@ -47,14 +47,13 @@ def stick_and_slip(q_rad: Array, width_rad: float, start: float = 0.0) -> Array:
 
 
 @dataclass(frozen=True)
-class PathFriction(ShapedEffect):
+class PathFriction(JointLaw):
     """Friction that winds a drive up: theta += h z, z by Dahl's model of all moves up to the pose.
 
     Every pose that was measured counts, used by the fit or not, in the order of measuring. Poses after all measured
     ones, such as the targets of a correction, are taken as without it.
     """
 
-    joint: int
     length_deg: int  # way after which z has come to 1 - 1/e of the other side; half the way to it where it slips
     start: int = 0  # z at the first pose, of `STARTS`
     slips: bool = False  # whether it sticks and slips
@@ -80,10 +79,6 @@ class PathFriction(ShapedEffect):
     left out with them. Where the arm went to places in between that are no poses, it is not what happened.
     """
     position = 33
-
-    @property
-    def displacement(self) -> JointOffset:
-        return JointOffset(self.joint)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -12,7 +12,7 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.loads import PLAY
 from calib.effects.catalogue.order_steps import is_measured_for_training
 from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, Parameters
-from calib.effects.shaped import JointOffset, ShapedEffect
+from calib.effects.shaped import JointLaw
 from calib.effects.state import RobotState
 
 DENT_WIDTHS_DEG = (4, 7, 12, 20)  # standard deviations of a dent's shape
@@ -29,22 +29,19 @@ def harmonic(order: float, scale: float) -> Parameters:
     return tuple(Parameter(part + suffix, "rad", scale, f"{part}({order:g} q) amplitude") for part in ("sin", "cos"))
 
 
-def _periodic_error(state: RobotState, joint: int, order: float, values: dict[str, float]) -> RobotState:
-    """Robot state with theta += A sin(n q) + B cos(n q) added to a joint, values A and B in rad."""
-    sine, cosine = values.values()
-    q = state.q_rad[:, joint]
-    return state.add_joint_error(joint, sine * np.sin(order * q) + cosine * np.cos(order * q))
+def _waves(angle_rad: Array) -> Array:
+    """Sine and cosine (N, 2) of angles (N,)."""
+    return np.column_stack([np.sin(angle_rad), np.cos(angle_rad)])
 
 
 @dataclass(frozen=True)
-class TransmissionError(CatalogueEffect):
+class TransmissionError(JointLaw):
     """An error with n periods per turn: theta += A sin(n q) + B cos(n q), n = 1, 2 or 3.
 
     n = 1 is eccentricity of an encoder or gear. Over a small range of the joint the cosine of n = 1 is nearly a joint
     offset, its sine nearly a wrong gear ratio.
     """
 
-    joint: int
     order: float
     name = "transmission_error"
     noun = "the transmission error of joint"
@@ -61,16 +58,14 @@ class TransmissionError(CatalogueEffect):
     arm that stands, once a turn, a balancing spring does nearly the same ({doc}`counterbalance`): both are left open.
     """
     position = 3
-    linear = True
 
     @cached_property
     def parameters(self) -> Parameters:
         """Amplitudes of the error's sine and cosine."""
         return harmonic(self.order, 3e-4)
 
-    def apply(self, state: RobotState, **values: float) -> RobotState:
-        """Robot state with the joint's error added."""
-        return _periodic_error(state, self.joint, self.order, values)
+    def shapes(self, state: RobotState) -> Array:
+        return _waves(self.order * state.q_rad[:, self.joint])
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -114,10 +109,9 @@ class StrainWave(TransmissionError):
 
 
 @dataclass(frozen=True)
-class HighHarmonic(ShapedEffect):
+class HighHarmonic(JointLaw):
     """Error of gear teeth, or of encoder lines: theta += A sin(n q) + B cos(n q), n = 4 to 20."""
 
-    joint: int
     order: int
     name = "high_harmonic"
     title = "high harmonic of a joint"
@@ -135,18 +129,13 @@ class HighHarmonic(ShapedEffect):
     """
     position = 25
 
-    @property
-    def displacement(self) -> JointOffset:
-        return JointOffset(self.joint)
-
     @cached_property
     def parameters(self) -> Parameters:
         """Amplitudes of the error's sine and cosine."""
         return harmonic(self.order, 1e-4)
 
     def shapes(self, state: RobotState) -> Array:
-        turned = self.order * state.q_rad[:, self.joint]
-        return np.column_stack([np.sin(turned), np.cos(turned)])
+        return _waves(self.order * state.q_rad[:, self.joint])
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -156,10 +145,9 @@ class HighHarmonic(ShapedEffect):
 
 
 @dataclass(frozen=True)
-class JointScale(CatalogueEffect):
+class JointScale(JointLaw):
     """A wrong gear ratio or encoder scale: theta += k q."""
 
-    joint: int
     name = "joint_scale"
     grows_with_angle = True
     noun = "a scale error of joint"
@@ -174,12 +162,10 @@ class JointScale(CatalogueEffect):
     The error grows with the angle, where a harmonic comes back. With a narrow range both are the same.
     """
     position = 5
-    linear = True
     parameters = (Parameter("k", "1", 1e-4, "share of the commanded motion"),)
 
-    def apply(self, state: RobotState, *, k: float) -> RobotState:
-        """Robot state with the joint's error added."""
-        return state.add_joint_error(self.joint, k * state.q_rad[:, self.joint])
+    def shapes(self, state: RobotState) -> Array:
+        return state.q_rad[:, [self.joint]]
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Error over the joint's travel in all poses, as text."""
@@ -189,17 +175,11 @@ class JointScale(CatalogueEffect):
             return f"{turned * value:.2g}\N{DEGREE SIGN} over the {turned:.0f}\N{DEGREE SIGN} of its travel"
         return f"{travel * value:.2g} mm over the {travel:.0f} mm of its travel"
 
-    @classmethod
-    def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each joint."""
-        return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
-
 
 @dataclass(frozen=True)
-class AsymmetricScale(CatalogueEffect):
+class AsymmetricScale(JointLaw):
     """Scale error of an encoder or drive that has one sign on both sides of the joint's zero: theta += k |q|."""
 
-    joint: int
     name = "asymmetric_scale"
     grows_with_angle = True
     noun = "a scale error that differs on both sides of zero of joint"
@@ -214,24 +194,16 @@ class AsymmetricScale(CatalogueEffect):
     With $q_j$ on one side of zero only it is {doc}`joint_scale`.
     """
     position = 24
-    linear = True
     parameters = (Parameter("k", "1", 1e-4, "share of the commanded motion"),)
 
-    def apply(self, state: RobotState, *, k: float) -> RobotState:
-        """Robot state with the joint's error added."""
-        return state.add_joint_error(self.joint, k * np.abs(state.q_rad[:, self.joint]))
-
-    @classmethod
-    def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each joint."""
-        return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
+    def shapes(self, state: RobotState) -> Array:
+        return np.abs(state.q_rad[:, [self.joint]])
 
 
 @dataclass(frozen=True)
-class JointCoupling(CatalogueEffect):
+class JointCoupling(JointLaw):
     """A joint that turns along with another joint, as in wrists with bevel gears: theta_j += k q_i."""
 
-    joint: int
     driver: int
     name = "joint_coupling"
     noun = "a coupling to its neighbour of joint"
@@ -247,17 +219,14 @@ class JointCoupling(CatalogueEffect):
     error of its ratio.
     """
     position = 6
-    linear = True
 
     @cached_property
     def parameters(self) -> Parameters:
         """Coupling factor k, named after the driving joint, as a joint may have two drivers."""
         return (Parameter(f"k_of_J{self.driver + 1}", "1", 1e-4, "share of the neighbour's motion"),)
 
-    def apply(self, state: RobotState, **values: float) -> RobotState:
-        """Robot state with the joint's error added."""
-        (k,) = values.values()
-        return state.add_joint_error(self.joint, k * state.q_rad[:, self.driver])
+    def shapes(self, state: RobotState) -> Array:
+        return state.q_rad[:, [self.driver]]
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Error per degree of the driving joint, as text."""
@@ -274,10 +243,9 @@ class JointCoupling(CatalogueEffect):
 
 
 @dataclass(frozen=True)
-class CableDrag(ShapedEffect):
+class CableDrag(JointLaw):
     """A cable over two neighbouring joints that pulls one of them: harmonics of the angles' sum or difference."""
 
-    joint: int  # that is pulled
     other: int
     sign: int  # 1 for the sum, -1 for the difference
     order: int
@@ -297,10 +265,6 @@ class CableDrag(ShapedEffect):
     """
     position = 26
 
-    @property
-    def displacement(self) -> JointOffset:
-        return JointOffset(self.joint)
-
     @cached_property
     def parameters(self) -> Parameters:
         """Amplitudes of the error's sine and cosine, with the neighbouring joint in their names."""
@@ -311,8 +275,7 @@ class CableDrag(ShapedEffect):
         )
 
     def shapes(self, state: RobotState) -> Array:
-        turned = self.order * (state.q_rad[:, self.joint] + self.sign * state.q_rad[:, self.other])
-        return np.column_stack([np.sin(turned), np.cos(turned)])
+        return _waves(self.order * (state.q_rad[:, self.joint] + self.sign * state.q_rad[:, self.other]))
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -326,14 +289,13 @@ class CableDrag(ShapedEffect):
 
 
 @dataclass(frozen=True)
-class Counterbalance(ShapedEffect):
+class Counterbalance(JointLaw):
     """A spring or gas cylinder that balances gravity at joint 2, and that the controller does not know well enough.
 
     It acts between a point behind the joint and one on the link: with the distances R and rho R of both from the axis,
     its length is R l, l^2 = 1 + rho^2 - 2 rho cos u, its lever R rho sin u / l. A force F + K l gives the torque's law.
     """
 
-    joint: int  # 1, the second
     dead_centre_deg: int  # q at which the spring's line passes through the axis and the spring is at its shortest
     ratio_pct: int  # rho
     name = "counterbalance"
@@ -356,10 +318,6 @@ class Counterbalance(ShapedEffect):
     at the spring before a gear is opened.
     """
     position = 32
-
-    @property
-    def displacement(self) -> JointOffset:
-        return JointOffset(self.joint)
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -400,10 +358,9 @@ def _around(member: Effect) -> tuple[Counterbalance, ...]:
 
 
 @dataclass(frozen=True)
-class Backlash(CatalogueEffect):
+class Backlash(JointLaw):
     """Backlash, with the sign of the side that the joint came from: theta += b / 2 sign(approach)."""
 
-    joint: int
     name = "backlash"
     noun = "the backlash of joint"
     equation = "theta_j += b_j / 2 sign(approach_j)"
@@ -418,14 +375,12 @@ class Backlash(CatalogueEffect):
     Always approached from one side it is a joint offset, and untestable.
     """
     position = 7
-    linear = True
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play"),)
 
-    def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
-        """Robot state with the joint's error added; unchanged where no approach was recorded."""
+    def shapes(self, state: RobotState) -> Array:
         if state.poses.approach is None:
-            return state
-        return state.add_joint_error(self.joint, 0.5 * b_rad * np.sign(state.poses.approach[:, self.joint]))
+            return np.zeros((len(state.poses), 1))
+        return 0.5 * np.sign(state.poses.approach[:, [self.joint]])
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -447,13 +402,12 @@ class Backlash(CatalogueEffect):
 
 
 @dataclass(frozen=True)
-class FollowingError(CatalogueEffect):
+class FollowingError(JointLaw):
     """A joint that is measured before it has settled: a share of the motion from the previous pose is still missing.
 
     Poses after all measured ones, such as the targets of a correction, are taken as settled.
     """
 
-    joint: int
     name = "following_error"
     noun = "the following error of joint"
     changes_arm = True
@@ -472,29 +426,21 @@ class FollowingError(CatalogueEffect):
     which they were measured. The way to the first one is in no table: what is missing there is fitted by itself.
     """
     position = 23
-    linear = True
     parameters = (
         Parameter("k", "1", 1e-4, "share of the way from the pose before"),
         Parameter("at_first_rad", "rad", 1e-4, "what is missing at the first pose"),
     )
 
-    def apply(self, state: RobotState, *, k: float, at_first_rad: float) -> RobotState:
-        """Robot state with the joint's error added."""
+    def shapes(self, state: RobotState) -> Array:
         poses = state.poses
         is_first = poses.from_sequence((np.arange(len(poses.sequence)) == 0).astype(float))
-        return state.add_joint_error(self.joint, k * poses.motion[:, self.joint] + at_first_rad * is_first)
-
-    @classmethod
-    def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each joint."""
-        return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
+        return np.column_stack([poses.motion[:, self.joint], is_first])
 
 
 @dataclass(frozen=True)
-class JointDent(ShapedEffect):
+class JointDent(JointLaw):
     """A damaged place in a gear: theta += h exp(-(q - place)^2 / 2 width^2), an error in a narrow range."""
 
-    joint: int
     place_deg: int
     width_deg: int
     name = "joint_dent"
@@ -511,10 +457,6 @@ class JointDent(ShapedEffect):
     A damaged tooth or a dirty track of an encoder. Three poses or more have to lie within the range.
     """
     position = 18
-
-    @property
-    def displacement(self) -> JointOffset:
-        return JointOffset(self.joint)
 
     @cached_property
     def parameters(self) -> Parameters:

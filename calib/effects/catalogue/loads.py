@@ -26,6 +26,7 @@ from calib.effects.effect import (
     registered_effects,
 )
 from calib.effects.gravity import has_masses, loaded_joints
+from calib.effects.shaped import JointLaw
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
@@ -382,10 +383,9 @@ class BaseComplianceUnknownMasses(BaseCompliance):
 
 
 @dataclass(frozen=True)
-class GravityBacklash(CatalogueEffect):
+class GravityBacklash(JointLaw):
     """Backlash of a joint that gravity presses to one side of its play: theta += b / 2 sign(tau)."""
 
-    joint: int
     name = "gravity_backlash"
     noun = "the backlash under gravity of joint"
     equation = "theta_j += b_j / 2 sign(tau_j)"
@@ -401,27 +401,21 @@ class GravityBacklash(CatalogueEffect):
     """
     position = 8
     under_load = True
-    linear = True
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play", positive=True),)
 
-    def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
-        """Robot state with the joint's error added."""
-        return state.add_joint_error(
-            self.joint, 0.5 * b_rad * np.sign(state.loaded.gravity.joint_torques[:, self.joint])
-        )
+    def shapes(self, state: RobotState) -> Array:
+        return 0.5 * np.sign(state.loaded.gravity.joint_torques[:, [self.joint]])
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each joint."""
-        members = tuple(cls(j) for j in range(dataset.robot.n_joints))
-        return where_load_is_known(Family(cls.name, members), dataset.robot)
+        """Family of this effect with one member for each joint of known load."""
+        return where_load_is_known(super().family(dataset), dataset.robot)
 
 
 @dataclass(frozen=True)
-class NonlinearStiffness(CatalogueEffect):
+class NonlinearStiffness(JointLaw):
     """A joint's spring that stiffens, or softens, with load: theta += c2 tau |tau|."""
 
-    joint: int
     name = "nonlinear_stiffness"
     noun = "the nonlinear stiffness of joint"
     equation = "theta_j += c2_j tau_j abs(tau_j)"
@@ -440,18 +434,16 @@ class NonlinearStiffness(CatalogueEffect):
     """
     position = 27
     under_load = True
-    linear = True
+    members_of = "revolute joints"
 
     @cached_property
     def parameters(self) -> Parameters:
         """Compliance that grows with the torque."""
         return (Parameter("c2_rad_per_nm2", "rad/Nm^2", 5e-7, "compliance that grows with the torque"),)
 
-    def apply(self, state: RobotState, **values: float) -> RobotState:
-        """Robot state with the joint's error added."""
-        torque = state.loaded.gravity.joint_torques[:, self.joint]
-        (c2_rad_per_nm2,) = values.values()
-        return state.add_joint_error(self.joint, c2_rad_per_nm2 * torque * np.abs(torque))
+    def shapes(self, state: RobotState) -> Array:
+        torque_nm = state.loaded.gravity.joint_torques[:, [self.joint]]
+        return torque_nm * np.abs(torque_nm)
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Turn at the largest torque of all poses, as text."""
@@ -463,11 +455,10 @@ class NonlinearStiffness(CatalogueEffect):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each revolute joint, and its wind-ups where it is under load."""
         robot = dataset.robot
-        turning = robot.revolute_joints
-        family = where_load_is_known(Family(cls.name, tuple(map(cls, turning))), robot)
+        family = where_load_is_known(super().family(dataset), robot)
         if family.why_not:
             return family
-        turning = [j for j in turning if j in loaded_joints(robot)]
+        turning = [j for j in robot.revolute_joints if j in loaded_joints(robot)]
         torques_nm = RobotState.nominal(robot, dataset.poses).gravity_torques_nm
         largest_nm = np.abs(torques_nm[~dataset.poses.is_test]).max(axis=0, initial=0.0)
         loaded = [j for j in turning if largest_nm[j] > _UNLOADED_NM]
@@ -491,11 +482,8 @@ class WindUp(NonlinearStiffness):
         knee = f"{self.knee_nm:g}".replace(".", "p")
         return (Parameter(f"windup_over_{knee}nm_rad", "rad", 3e-4, "turn under a large torque", positive=True),)
 
-    def apply(self, state: RobotState, **values: float) -> RobotState:
-        """Robot state with the joint's error added."""
-        torque = state.loaded.gravity.joint_torques[:, self.joint]
-        (turn_rad,) = values.values()
-        return state.add_joint_error(self.joint, turn_rad * np.tanh(torque / self.knee_nm))
+    def shapes(self, state: RobotState) -> Array:
+        return np.tanh(state.loaded.gravity.joint_torques[:, [self.joint]] / self.knee_nm)
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Turn between a large torque to one side and to the other, as text."""
@@ -575,6 +563,7 @@ class BearingClearance(CatalogueEffect):
     """
     position = 29
     under_load = True
+    members_of = "revolute joints"
     linear = True
     parameters = (Parameter("c_rad", "rad", 3e-4, "lean to either side", positive=True),)
 
@@ -592,9 +581,8 @@ class BearingClearance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each revolute joint."""
-        turning = dataset.robot.revolute_joints
-        return where_masses_are_known(Family(cls.name, tuple(map(cls, turning))), dataset.robot)
+        """Family of this effect with one member for each revolute joint, where the masses are known."""
+        return where_masses_are_known(super().family(dataset), dataset.robot)
 
 
 @dataclass(frozen=True)
@@ -616,6 +604,7 @@ class ToolSag(CatalogueEffect):
     proportion to gravity along that axis.
     """
     position = 14
+    members_of = "cell"
     linear = True
     parameters = tuple(Parameter(f"{a}_mm", "mm", 0.1, f"sag with gravity along the tool's {a}") for a in "xyz")
 
@@ -626,8 +615,3 @@ class ToolSag(CatalogueEffect):
         down = gravity_vector / max(float(np.linalg.norm(gravity_vector)), 1e-12)
         in_tool = np.einsum("nji,j->ni", rotation, down) * np.array([x_mm, y_mm, z_mm])
         return state.displace(np.einsum("nij,nj->ni", rotation, in_tool))
-
-    @classmethod
-    def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member, for the whole arm."""
-        return Family(cls.name, (cls(),))
