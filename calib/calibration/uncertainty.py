@@ -10,17 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array
 from calib.calibration.result import Calibration
-from calib.dataset.dataset import Poses
 from calib.errors import FitError
-from calib.fitting.observations import Observations, conditions_at, linearise_points
+from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import whitened_motion
 from calib.identifiability.structural import absorbed_by_scanner_frame, redundancy_of
-from calib.statistics import covariance_root
 
 CORRELATED = 0.8
 
@@ -184,37 +181,3 @@ class JointKnowledge:
         frame_root = np.asarray(np.linalg.qr((noise_ratio * pseudo).T, mode="r")).T
         covariance[n:, n:] = follows @ parameters @ follows.T + frame_root @ frame_root.T
         return cls(covariance, centre_mm, follows, frame_root)
-
-
-def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | None = None) -> Array:
-    """Covariance (N, 3, 3), mm^2, of the predicted tool point at joint vectors q, in a setup's scanner frame.
-
-    Where the arm carries the scanner it is that of the (first) target in the room.
-
-    The parameters and the frame that was fitted with them are both uncertain, and correlated (`JointKnowledge`):
-    cov = [J G] cov(x, frame) [J G]^T with J and G the columns of parameters and frame at the predicted point.
-
-    Args:
-        calibration: a fit.
-        q: (N, n) joint vectors, rad or mm.
-        setup: whose scanner frame; the first where None.
-
-    Returns:
-        (N, 3, 3) mm^2.
-    """
-    q = np.atleast_2d(np.asarray(q, dtype=float))
-    return prediction_covariance_at(calibration, conditions_at(calibration.dataset.poses, q), setup)
-
-
-def prediction_covariance_at(calibration: Calibration, poses: Poses, setup: str | None = None) -> Array:
-    """Covariance (N, 3, 3), mm^2, as `prediction_covariance`, at N poses with conditions of their own."""
-    observed = Observations.of(calibration.fitted_dataset)
-    name = str(observed.setup[0]) if setup is None else setup
-    known = JointKnowledge.of(calibration, name)
-    scanner_T_base = calibration.after.scanner_T_base[name]
-    target = observed.first_target if calibration.model.robot.carries_scanner else "jig"
-    points_mm, by_q = calibration.model.linearise(calibration.fit.x, poses, target)
-    motion = frames.frame_motion(frames.apply(scanner_T_base, points_mm), known.centre_mm)
-    rows = np.concatenate([scanner_T_base[:3, :3] @ by_q, motion], axis=-1)
-    spread = rows @ covariance_root(known.covariance)
-    return spread @ np.swapaxes(spread, 1, 2)

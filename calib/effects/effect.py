@@ -194,6 +194,12 @@ class CatalogueEffect(ABC):
         return Family(cls.name, (), why_not, would_help, covered=covered)
 
     @classmethod
+    def untimed(cls, time_s: Array | None) -> Family:
+        """Family of this effect without members, for poses whose times are not known, or all the same."""
+        why_not = "poses.csv has no time_s" if time_s is None else "time_s is the same at every pose"
+        return cls.untestable(why_not, "write down when each pose was measured")
+
+    @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect for a dataset's robot and conditions; marked as untestable if data are missing.
 

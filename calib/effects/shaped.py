@@ -17,6 +17,25 @@ from calib.effects.effect import CatalogueEffect, Parameter
 from calib.effects.state import RobotState
 
 
+def turned_end(state: RobotState, link: int, turn_rad: Array) -> RobotState:
+    """Robot state with a link's end turned by small angles (N, 3) about the axes of the frame at it.
+
+    These are alpha and beta of the link's row and theta of the next one.
+    """
+    turned = state.add_link_error(link, "alpha", turn_rad[:, 0]).add_link_error(link, "beta", turn_rad[:, 1])
+    return turned.add_link_error(link + 1, "theta", turn_rad[:, 2])
+
+
+def tilted_axis(state: RobotState, joint: int, about_x_rad: Array, about_y_rad: Array) -> RobotState:
+    """Robot state with a joint's axis tilted by small angles (N,) about x and y of the frame that carries the joint."""
+    if joint == 0:
+        return state.turn_base(np.column_stack([about_x_rad, about_y_rad, np.zeros(len(about_x_rad))]))
+    # Ry is the last factor of the row before, so beta turns about the y axis that this joint starts from; alpha's axis
+    # is that frame's x where beta is small.
+    before = joint - 1
+    return state.add_link_error(before, "alpha", about_x_rad).add_link_error(before, "beta", about_y_rad)
+
+
 class Displacement(Protocol):
     """A displacement of the robot state that is linear in W amounts; equal instances displace equally."""
 
@@ -158,12 +177,8 @@ class LinkBend:
     def act(self, state: RobotState, amounts: Array) -> RobotState:
         """Robot state with the link's end turned (alpha and beta of the link, theta of the next row) and shifted."""
         base_R_end = state.loaded.chain.base_T_frame[:, self.joint + 1, :3, :3]
-        return (
-            state.add_link_error(self.joint, "alpha", amounts[:, 3])
-            .add_link_error(self.joint, "beta", amounts[:, 4])
-            .add_link_error(self.joint + 1, "theta", amounts[:, 5])
-            .displace(np.einsum("nij,nj->ni", base_R_end, amounts[:, :3]))
-        )
+        shift_mm = np.einsum("nij,nj->ni", base_R_end, amounts[:, :3])
+        return turned_end(state, self.joint, amounts[:, 3:]).displace(shift_mm)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,6 @@ CORE = (
     Command("repeat", f"{_OPTIONS}.fits:RepeatOptions", "inspector.cli.compare_command:run_repeat"),
     Command("plan", f"{_OPTIONS}.fits:PlanOptions", "inspector.cli.planning.plan_command:run_plan"),
     Command("report", f"{_OPTIONS}.fits:ReportOptions", "inspector.cli.fit_commands:run_report"),
-    Command("figures", f"{_OPTIONS}.fits:FiguresOptions", "inspector.cli.fit_commands:run_figures"),
     Command("effects", f"{_OPTIONS}.datasets:EffectsOptions", "inspector.cli.dataset_commands:run_effects"),
     Command("sample", f"{_OPTIONS}.datasets:SampleOptions", "inspector.cli.robots.sample_command:run_sample"),
     Command("simulate", f"{_OPTIONS}.datasets:SimulateOptions", "inspector.cli.robots.simulate_command:run_simulate"),
@@ -40,7 +39,6 @@ CORE = (
 PIP_EXTRAS = (
     PipExtra("scans", ("open3d", "trimesh")),
     PipExtra("page", ("viser", "websockets", "plotly", "PIL")),
-    PipExtra("agent", ("resvg_py",)),
 )
 
 EXTRA_OF = {

@@ -22,7 +22,7 @@ from calib.rendering.text import text as plain_text
 from inspector.cli.calibrate_command import loaded_effects, require_plausible
 from inspector.cli.dataset_commands import found_corners, load, measured, searched, show, without
 from inspector.cli.model_commands import validate_model
-from inspector.cli.options.fits import CheckOptions, DiagnoseOptions, FiguresOptions, ReportOptions, ValidateOptions
+from inspector.cli.options.fits import CheckOptions, DiagnoseOptions, ReportOptions, ValidateOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
 from inspector.session.measuring import with_face_labels
@@ -73,9 +73,7 @@ def run_report(options: ReportOptions) -> int:
     return 0
 
 
-def diagnosed(
-    dataset: Dataset, options: ReportOptions | DiagnoseOptions | FiguresOptions, max_steps: int = MAX_EFFECTS
-) -> Diagnosis:
+def diagnosed(dataset: Dataset, options: ReportOptions | DiagnoseOptions, max_steps: int = MAX_EFFECTS) -> Diagnosis:
     """Diagnosis of a measured dataset with the options of a command, its stages told on stderr."""
     user_effects = loaded_effects(options.effects_file, dataset)
     effects_named(dataset, options.effect, user_effects)  # refuses unknown names before the work starts
@@ -88,29 +86,6 @@ def diagnosed(
             max_steps=max_steps,
             on_step=on_step,
         )
-
-
-def run_figures(options: FiguresOptions) -> int:
-    """Diagnose a dataset and write the figures of the diagnosis as files, or list them."""
-    from inspector.export.figure_files import figures_of, write_figures  # with plotly, which takes a while to load
-
-    dataset = load(options.path, options, options.finder)
-    dataset = measured(dataset, options.residual)
-    every = figures_of(diagnosis_presentation(diagnosed(dataset, options), None))
-    names = [one.name for one in every]
-    unknown = [name for name in options.name if name not in names]
-    if unknown:
-        raise CalibError(f"--name {unknown[0]}: no such figure; there are {', '.join(names)}")
-    chosen = [one for one in every if one.name in options.name or not options.name]
-    files = write_figures(chosen, options.out, png=options.png) if options.out is not None else (None,) * len(chosen)
-    document = [
-        {"name": one.name, "caption": one.caption, "file": None if file is None else str(file)}
-        for one, file in zip(chosen, files, strict=True)
-    ]
-    show(
-        options, {"figures": document}, "\n".join(f"{one['file'] or one['name']}: {one['caption']}" for one in document)
-    )
-    return 0
 
 
 def run_diagnose(options: DiagnoseOptions) -> int:

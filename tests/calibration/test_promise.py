@@ -17,7 +17,6 @@ from calib.calibration.promise import (
     promised_at_points,
 )
 from calib.calibration.result import Calibration, declared_sigma_mm
-from calib.calibration.uncertainty import prediction_covariance_at
 from calib.dataset.dataset import Dataset, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
 from calib.fitting.discrepancy import Discrepancy
@@ -25,6 +24,7 @@ from calib.kinematics.robot import Robot
 from calib.simulation.simulate import simulate_dataset
 from tests.support import SHARED_DATA
 from tests.support.arms import dataset_of, jang_arm, perturbed, random_transform
+from tests.support.prediction import prediction_covariance
 from tests.support.sweeps import sweep
 
 TRACKED = ("ur10_ipa", "jacobi_ur5", "jacobi_wam")
@@ -99,7 +99,7 @@ def promised_covariance(calibration: Calibration, poses: Poses) -> np.ndarray:
     """Covariance (N, 3, 3), mm^2, of measured minus predicted at poses that need not be measured, from its parts."""
     fit = fit_uncertainty(calibration)
     variance = fit.single_ratio**2 * declared_sigma_mm(calibration.dataset) ** 2 + fit.discrepancy.variance_mm2(poses.q)
-    return prediction_covariance_at(calibration, poses) + variance[:, None, None] * np.eye(3)
+    return prediction_covariance(calibration, poses) + variance[:, None, None] * np.eye(3)
 
 
 def away(calibration: Calibration, turn_rad: float) -> float:

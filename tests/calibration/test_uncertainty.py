@@ -13,7 +13,6 @@ from calib.calibration.uncertainty import (
     combination,
     correlated_pairs,
     identifiable_combinations,
-    prediction_covariance,
 )
 from calib.errors import FitError
 from calib.fitting.observations import conditions_at
@@ -21,6 +20,7 @@ from calib.kinematics.tool_point import ending_at_tool_point
 from calib.screening.curves.joint_curves import learn_joint_curves
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
 from tests.support.changed import with_xyz
+from tests.support.prediction import prediction_covariance
 
 
 def test_sums_are_known_although_their_parts_are_not() -> None:
@@ -86,7 +86,7 @@ def test_predictions_err_as_much_as_they_say(range_rad: float) -> None:
         true = perturbed(robot, rng, mm=1.0, rad=np.radians(0.5))
         result = calibrate(dataset_of(robot, true, rng, poses=40, noise_mm=0.05, range_rad=range_rad))
         q = rng.uniform(-1.2 * range_rad, 1.2 * range_rad, (6, 6))
-        covariance = prediction_covariance(result, q)
+        covariance = prediction_covariance(result, conditions_at(result.dataset.poses, q))
         fitted = ending_at_tool_point(result.robot)
         predicted = frames.apply(result.after.scanner_T_base[""], elementary_points(fitted, q))
         error = predicted - elementary_points(true, q)
@@ -98,10 +98,11 @@ def test_far_from_the_training_poses_a_prediction_is_worse() -> None:
     rng = np.random.default_rng(0)
     robot = jang_arm()
     result = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=40, noise_mm=0.05, range_rad=0.4))
-    near, far = prediction_covariance(result, np.array([[0.1] * 6, [2.5] * 6]))
+    poses = result.dataset.poses
+    near, far = prediction_covariance(result, conditions_at(poses, np.array([[0.1] * 6, [2.5] * 6])))
     assert np.trace(far) > 10 * np.trace(near)
     with pytest.raises(FitError, match="'left'"):
-        prediction_covariance(result, np.zeros((1, 6)), setup="left")
+        prediction_covariance(result, conditions_at(poses, np.zeros((1, 6))), setup="left")
 
 
 @pytest.mark.slow
@@ -120,7 +121,7 @@ def test_a_curve_over_a_further_column_is_predicted_elsewhere_too() -> None:
     learned = learn_joint_curves(calibrate(cell))
     assert learned.inputs == ("pressure_bar",)
     fitted = calibrate(cell, effects=learned.members)
-    covariance = prediction_covariance(fitted, poses.q[:2])
+    covariance = prediction_covariance(fitted, conditions_at(poses, poses.q[:2]))
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
     at_mm = fitted.model.predict(fitted.fit.x, conditions_at(poses, poses.q[:1]))
     moved_mm = fitted.model.predict(fitted.fit.x, poses.select(np.arange(1)))

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from calib import calibrate
-from calib.calibration.uncertainty import JointKnowledge, prediction_covariance
+from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.fitting.observations import conditions_at
 from calib.planning.exchange import inverse
 from calib.planning.unknowns import unknowns_of_fit, unknowns_of_robot
 from calib.simulation.simulate import simulate_dataset
 from tests.support.arms import random_transform
+from tests.support.prediction import prediction_covariance
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,12 @@ def test_predicted_points_have_the_covariance_that_the_fit_gives_them(dataset) -
     poses = dataset.poses.select(rows)
     columns = unknowns.columns_mm(poses)
     mine = columns @ inverse(unknowns.prior_information) @ np.swapaxes(columns, 1, 2)
-    np.testing.assert_allclose(mine, prediction_covariance(calibration, poses.q, "A"), rtol=1e-3, atol=1e-7)
+    np.testing.assert_allclose(
+        mine,
+        prediction_covariance(calibration, conditions_at(calibration.dataset.poses, poses.q), "A"),
+        rtol=1e-3,
+        atol=1e-7,
+    )
 
 
 def test_how_the_scanner_stands_changes_nothing_that_is_told(dataset) -> None:

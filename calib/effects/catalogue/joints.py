@@ -12,7 +12,7 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.loads import PLAY
 from calib.effects.catalogue.order_steps import is_measured_for_training
 from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, Parameters
-from calib.effects.shaped import JointLaw
+from calib.effects.shaped import JointLaw, tilted_axis
 from calib.effects.state import RobotState
 
 DENT_WIDTHS_DEG = (4, 7, 12, 20)  # standard deviations of a dent's shape
@@ -540,12 +540,7 @@ class AxisWobble(CatalogueEffect):
         turned = self.order * state.q_rad[:, self.joint]
         about_x = x_sin * np.sin(turned) + x_cos * np.cos(turned)
         about_y = y_sin * np.sin(turned) + y_cos * np.cos(turned)
-        if self.joint == 0:
-            return state.turn_base(np.column_stack([about_x, about_y, np.zeros(len(turned))]))
-        # Ry is the last factor of the row before, so beta turns about the y axis that this joint starts from; alpha's
-        # axis is that frame's x where beta is small.
-        before = self.joint - 1
-        return state.add_link_error(before, "alpha", about_x).add_link_error(before, "beta", about_y)
+        return tilted_axis(state, self.joint, about_x, about_y)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:

@@ -26,7 +26,7 @@ from calib.effects.effect import (
     registered_effects,
 )
 from calib.effects.gravity import has_masses, loaded_joints
-from calib.effects.shaped import JointLaw
+from calib.effects.shaped import JointLaw, tilted_axis, turned_end
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
@@ -114,10 +114,9 @@ def _tilt(axis: str) -> Parameter:
 
 
 @dataclass(frozen=True)
-class JointCompliance(CatalogueEffect):
+class JointCompliance(JointLaw):
     """A joint that gives way to gravity's torque about it: theta += c tau (a prismatic one: d += c force)."""
 
-    joint: int
     name = "joint_compliance"
     noun = "the compliance of joint"
     equation = "theta_j += c_j tau_j(q, payload)"
@@ -141,16 +140,14 @@ class JointCompliance(CatalogueEffect):
     """
     position = 1
     under_load = True
-    linear = True
 
     @cached_property
     def parameters(self) -> Parameters:
         """Compliance of the joint."""
         return (Parameter("c_rad_per_nm", "rad/Nm", _JOINT, "compliance; its inverse is the stiffness", positive=True),)
 
-    def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
-        """Robot state with the joint's deflection added, by the gravity torque in the state for loads (`loaded`)."""
-        return state.add_joint_error(self.joint, c_rad_per_nm * state.loaded.gravity.joint_torques[:, self.joint])
+    def shapes(self, state: RobotState) -> Array:
+        return state.loaded.gravity.joint_torques[:, [self.joint]]
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Turn at the largest torque of all poses, and the stiffness, as text."""
@@ -194,13 +191,10 @@ class JointComplianceUnknownMasses(JointCompliance):
         known = Parameter("c_rad_per_nm", "rad/Nm", _JOINT, "compliance; its inverse is the stiffness", positive=True)
         return (*masses, known) if self.payload else masses
 
-    def apply(self, state: RobotState, **values: float) -> RobotState:
-        """Robot state with the joint's error added."""
+    def shapes(self, state: RobotState) -> Array:
         gravity = state.loaded.gravity
         torques = gravity.unit_torques(self.joint)  # (N, K)
-        if self.payload:
-            torques = np.column_stack([torques, gravity.payload_torque(self.joint)])
-        return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
+        return np.column_stack([torques, gravity.payload_torque(self.joint)]) if self.payload else torques
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Turn at the largest torque, and stiffness, as text; "" for a product with an unknown mass."""
@@ -251,15 +245,8 @@ class LinkBending(CatalogueEffect):
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
         """Robot state with the link's end shifted and turned (alpha and beta of the link, theta of the next row)."""
-        link = self.joint
-        turn, shift_mm = state.loaded.gravity.bendings[link]
-        in_link = c_rad_per_nm * turn
-        return (
-            state.add_link_error(link, "alpha", in_link[:, 0])
-            .add_link_error(link, "beta", in_link[:, 1])
-            .add_link_error(link + 1, "theta", in_link[:, 2])
-            .displace(c_rad_per_nm * shift_mm)
-        )
+        turn, shift_mm = state.loaded.gravity.bendings[self.joint]
+        return turned_end(state, self.joint, c_rad_per_nm * turn).displace(c_rad_per_nm * shift_mm)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -299,12 +286,7 @@ class LinkBendingUnknownMasses(LinkBending):
         if self.payload:
             turn, shift = gravity.payload_bending(link)
             in_link, shift_mm = in_link + weights[-1] * turn, shift_mm + weights[-1] * shift
-        return (
-            state.add_link_error(link, "alpha", in_link[:, 0])
-            .add_link_error(link, "beta", in_link[:, 1])
-            .add_link_error(link + 1, "theta", in_link[:, 2])
-            .displace(shift_mm)
-        )
+        return turned_end(state, link, in_link).displace(shift_mm)
 
 
 @dataclass(frozen=True)
@@ -525,11 +507,7 @@ class LinkTorsion(CatalogueEffect):
         moment = loaded.gravity.moment_about(end[:, :3, 3], link + 1)
         turn = np.sum(moment * along, axis=1, keepdims=True) * along
         in_link = c_rad_per_nm * np.einsum("nji,nj->ni", end[:, :3, :3], turn)
-        return (
-            state.add_link_error(link, "alpha", in_link[:, 0])
-            .add_link_error(link, "beta", in_link[:, 1])
-            .add_link_error(link + 1, "theta", in_link[:, 2])
-        )
+        return turned_end(state, link, in_link)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -573,11 +551,7 @@ class BearingClearance(CatalogueEffect):
         moment = state.loaded.gravity.moment_about(frame[:, :3, 3], self.joint)
         x, y, _ = np.einsum("nji,nj->ni", frame[:, :3, :3], moment).T
         size = np.sqrt(x**2 + y**2 + _STILL_NM**2)
-        about_x, about_y = c_rad * x / size, c_rad * y / size
-        if self.joint == 0:
-            return state.turn_base(np.column_stack([about_x, about_y, np.zeros(len(x))]))
-        before = self.joint - 1  # as `AxisWobble`
-        return state.add_link_error(before, "alpha", about_x).add_link_error(before, "beta", about_y)
+        return tilted_axis(state, self.joint, c_rad * x / size, c_rad * y / size)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:

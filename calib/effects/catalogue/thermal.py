@@ -212,16 +212,14 @@ class WarmUp(ShapedEffect):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member per time constant T of a grid, up to three times the session."""
         poses = dataset.poses
-        if poses.time_s is None:
-            return cls.untestable("poses.csv has no time_s", "write down when each pose was measured")
+        if poses.time_s is None or float(np.ptp(poses.time_s)) <= 0.0:
+            return cls.untimed(poses.time_s)
         if poses.temperature_c is not None or named_temperatures(poses):
             known = "poses.csv has temperature_c, by which thermal_growth tests it"
             return cls.untestable(
                 known, "thermal_growth, which takes the measured temperature, tests the same cause", covered=True
             )
         start_s, last_s = float(poses.time_s.min()), float(poses.time_s.max())
-        if last_s <= start_s:
-            return cls.untestable("time_s is the same at every pose", "write down when each pose was measured")
         minutes = [m for m in WARM_UP_MINUTES if 60.0 * m <= 3.0 * (last_s - start_s)] or [WARM_UP_MINUTES[0]]
         return Family(cls.name, tuple(cls(m, start_s, last_s) for m in minutes), sparse=True)
 
@@ -312,10 +310,8 @@ class MotorHeat(ShapedEffect):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each revolute joint, of ten time constants and either start."""
         poses = dataset.poses
-        if poses.time_s is None:
-            return cls.untestable("poses.csv has no time_s", "write down when each pose was measured")
-        if float(np.ptp(poses.time_s)) <= 0.0:
-            return cls.untestable("time_s is the same at every pose", "write down when each pose was measured")
+        if poses.time_s is None or float(np.ptp(poses.time_s)) <= 0.0:
+            return cls.untimed(poses.time_s)
         turning = dataset.robot.revolute_joints
         if not turning:
             return cls.untestable("no joint turns", "nothing: it is a matter of motors at joints that turn")

@@ -106,15 +106,6 @@ class ReportOptions(FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiguresOptions(FittingOptions):
-    """The figures of a diagnosis as files, for a paper or a slide."""
-
-    out: Path | None = option("write them, a file each; without it they are listed", metavar="FOLDER")
-    name: Sequence[str] = several("this one only; several times", metavar="NAME")
-    png: bool = flag("as PNG instead of SVG (the extra `agent`)")
-
-
-@dataclass(frozen=True, kw_only=True)
 class CheckOptions(FittingOptions):
     """The whole chain: pass or fail, and why."""
 
