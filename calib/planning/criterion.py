@@ -23,11 +23,11 @@ from calib.workcell.pose_conditions import PAYLOAD_KG, WantedConditions, conditi
 
 
 class PoseReason:
-    """Base of reasons for which a pose is planned; `calib.present.moves.plans.reason_told` tells each kind."""
+    """Base of reasons for which a pose is planned; `calib.present.plans.plans.reason_told` tells each kind."""
 
 
 class Outcome:
-    """Base of what poses achieve beyond the predicted error; `calib.present.moves.plans.told` tells each kind."""
+    """Base of what poses achieve beyond the predicted error; `calib.present.plans.plans.told` tells each kind."""
 
     @property
     def power(self) -> float | None:

@@ -28,8 +28,8 @@ FIGURES = "calib.figures"  # entry points of this group draw figures in notebook
 _MAKERS = tuple(
     f"calib.present.{name}"
     for name in (
-        "fit.calibration", "fit.corners", "fit.dataset", "fit.redundancy", "fit.validation", "cause.diagnosis",
-        "over_time.checks", "over_time.comparison", "over_time.recurrence", "moves.correction", "moves.plans",
+        "fit.calibration", "fit.corners", "fit.dataset", "fit.redundancy", "fit.validation", "diagnosis.diagnosis",
+        "over_time.checks", "over_time.comparison", "over_time.recurrence", "plans.correction", "plans.plans",
     )
 )  # fmt: skip
 """Modules that register what they make of a result; whoever tells of one kind has loaded its module alone."""

@@ -13,7 +13,7 @@ from calib.errors import CalibError, visible
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model
 from calib.present.fit.calibration import tool_shift_sentence
-from calib.present.moves.correction import correction_blocks, correction_document
+from calib.present.plans.correction import correction_blocks, correction_document
 from calib.rendering.text import block_text
 from inspector.cli.calibrate_command import fitted, require_plausible
 from inspector.cli.dataset_commands import load, measured, show

@@ -16,7 +16,7 @@ from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, next_poses
-from calib.present.cause.diagnosis import brief_presentation, diagnosis_document, diagnosis_presentation
+from calib.present.diagnosis.diagnosis import brief_presentation, diagnosis_document, diagnosis_presentation
 from calib.rendering.text import block_text
 from calib.rendering.text import text as plain_text
 from inspector.cli.calibrate_command import loaded_effects, require_plausible

@@ -10,7 +10,7 @@ import viser
 from calib.calibration.plausibility import implausibility_reason
 from calib.errors import CalibError
 from calib.models.exported_table import exported_table
-from calib.present.cause.actions import what_to_do
+from calib.present.diagnosis.actions import what_to_do
 from calib.present.fit.errors import table_alone
 from calib.rendering.blocks import Bullets, Section, Verdict
 from calib.rendering.html import panel
@@ -28,7 +28,7 @@ REPORT, OWN_FILE, TABLE, MODEL = (
 )  # fmt: skip
 TO_DO = "What to do now"
 SESSION = "Session (JSON)"
-_CORRECTION = "calib.present.moves.correction"
+_CORRECTION = "calib.present.plans.correction"
 RESIDUALS, POINTS, REDUNDANCY = "Residuals (CSV)", "Measured points (CSV)", "Redundancy (CSV)"
 
 

@@ -12,7 +12,7 @@ import viser
 from calib.diagnosis.budget import ErrorBudget
 from calib.diagnosis.headline import ErrorStage, Headline
 from calib.html_text import escape
-from calib.present.cause.budget import budget_parts, budget_sentence
+from calib.present.diagnosis.budget import budget_parts, budget_sentence
 from calib.present.effects import title
 from calib.present.fit import errors as headlines
 from calib.rendering import numbers

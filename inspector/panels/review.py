@@ -8,7 +8,7 @@ import viser
 
 from calib.html_text import escape
 from calib.present import names
-from calib.present.cause.candidates import explained_at
+from calib.present.diagnosis.candidates import explained_at
 from calib.present.names import ROLES, instrument
 from calib.rendering import numbers
 from calib.rendering.blocks import (

@@ -7,8 +7,8 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.headline import Headline as HeadlineFacts
 from calib.models.exported_table import ExportedTable
-from calib.present.cause.actions import plain_verdict, what_to_do
-from calib.present.cause.budget import budget_blocks
+from calib.present.diagnosis.actions import plain_verdict, what_to_do
+from calib.present.diagnosis.budget import budget_blocks
 from calib.present.effects import model_name
 from calib.present.fit import errors as headlines
 from calib.rendering.blocks import Block, Bullets, Drawing, KeyFigures, Paragraph, Verdict

@@ -18,8 +18,14 @@ from calib.calibration.result import Calibration
 from calib.dataset.files.origin import Origin
 from calib.diagnosis.effect_selection import FitStep
 from calib.models.exported_table import exported_table
-from calib.present.cause.candidates import FULL_RANKING, estimated_values, held_out_sentence, ranking, untestable_blocks
-from calib.present.cause.diagnosis import (
+from calib.present.diagnosis.candidates import (
+    FULL_RANKING,
+    estimated_values,
+    held_out_sentence,
+    ranking,
+    untestable_blocks,
+)
+from calib.present.diagnosis.diagnosis import (
     BY_POSE,
     DATASET,
     HISTORY,
@@ -30,7 +36,7 @@ from calib.present.cause.diagnosis import (
     reasons,
     verdict_block,
 )
-from calib.present.cause.interventions import intervention_sections
+from calib.present.diagnosis.interventions import intervention_sections
 from calib.present.effects import model_name
 from calib.present.fit.calibration import camera_sections, parameters
 from calib.present.fit.dataset import measured_blocks

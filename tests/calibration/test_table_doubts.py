@@ -12,7 +12,7 @@ from calib import calibrate, check, diagnose
 from calib.calibration.table_doubts import common_scale, doubtful_entries
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
-from calib.present.cause.verdict import verdict
+from calib.present.diagnosis.verdict import verdict
 from calib.present.fit.calibration import calibration_warnings
 from calib.rendering.blocks import plain
 from calib.simulation.simulate import simulate_dataset

@@ -22,7 +22,7 @@ from calib.effects.catalogue.scanner import ScannerDrift
 from calib.effects.catalogue.thermal import ThermalGrowth
 from calib.effects.effect import Effect, Parameter
 from calib.effects.state import RobotState
-from calib.present.cause.verdict import advice as advice_words
+from calib.present.diagnosis.verdict import advice as advice_words
 from calib.present.effects import meaning
 from calib.rendering.blocks import plain
 from calib.screening.candidates import Screening

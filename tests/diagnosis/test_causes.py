@@ -7,7 +7,7 @@ import pytest
 
 from calib.diagnosis.causes import cause_of
 from calib.diagnosis.result import Diagnosis
-from calib.present.cause.verdict import cause
+from calib.present.diagnosis.verdict import cause
 from calib.rendering.blocks import plain
 
 

@@ -20,7 +20,7 @@ from calib.effects.base import Parameter
 from calib.effects.catalogue.order_steps import ChangePoint, JointStep
 from calib.effects.effect import Family, families_from
 from calib.effects.state import RobotState
-from calib.present.cause import verdict as told
+from calib.present.diagnosis import verdict as told
 from calib.rendering.text import plain
 from calib.simulation.simulate import simulate_dataset
 from tests.support.changed import with_poses

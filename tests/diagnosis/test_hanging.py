@@ -8,7 +8,7 @@ import numpy as np
 
 from calib import diagnose
 from calib.dataset.dataset import Dataset
-from calib.present.cause.verdict import verdict
+from calib.present.diagnosis.verdict import verdict
 from calib.rendering.blocks import plain
 from calib.screening.leverage import changes_without_each
 from tests.support.changed import with_xyz

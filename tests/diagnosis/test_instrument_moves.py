@@ -13,8 +13,8 @@ from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import available_family
 from calib.errors import DatasetError
 from calib.models.exported_table import exported_table
-from calib.present.cause.actions import plain_verdict, what_to_do
-from calib.present.cause.diagnosis import diagnosis_document
+from calib.present.diagnosis.actions import plain_verdict, what_to_do
+from calib.present.diagnosis.diagnosis import diagnosis_document
 from calib.present.results import headline
 from tests.support.changed import with_poses
 from tests.support.engine.cases import Case, simulate

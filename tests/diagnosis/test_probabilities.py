@@ -16,7 +16,7 @@ from calib.diagnosis.probabilities import (
     questions,
 )
 from calib.diagnosis.result import Diagnosis
-from calib.present.cause.budget import probability_sentence
+from calib.present.diagnosis.budget import probability_sentence
 from calib.rendering.blocks import plain
 
 

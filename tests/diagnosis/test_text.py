@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from calib.calibration.held_out import HeldOutTest
 from calib.diagnosis.headline import HeldOutError
-from calib.present.cause.diagnosis import residual_tests
-from calib.present.cause.verdict import fault, promise, residual
+from calib.present.diagnosis.diagnosis import residual_tests
+from calib.present.diagnosis.verdict import fault, promise, residual
 from calib.rendering.blocks import Reference, plain
 from calib.screening.residual_tests import InputTest, ResidualTests
 from calib.screening.scan_statistic import Channel

@@ -23,7 +23,7 @@ from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.kinematics.chain import target_jacobian
-from calib.present.cause.candidates import candidate_blocks
+from calib.present.diagnosis.candidates import candidate_blocks
 from calib.rendering.text import block_text
 from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset

@@ -12,7 +12,7 @@ from calib.dataset.dataset import Dataset
 from calib.diagnosis.contradictions import contradictions
 from calib.intervention.pairs import find_pairs
 from calib.intervention.proof import Proof, interventions_of
-from calib.present.cause.interventions import intervention_sections
+from calib.present.diagnosis.interventions import intervention_sections
 from calib.rendering.blocks import FigurePlace
 from inspector.figures.results.places import draw
 from tests.support.changed import with_xyz

@@ -18,7 +18,7 @@ from calib.intervention.pairs import find_pairs
 from calib.intervention.proof import Intervention, candidates_of, interventions_of, with_masses
 from calib.planning.discrimination import next_poses
 from calib.planning.effect_hypotheses import hypothesis_sets
-from calib.present.cause.interventions import intervention_sentences, proven_document
+from calib.present.diagnosis.interventions import intervention_sentences, proven_document
 from calib.rendering.blocks import plain
 from tests.support.changed import with_poses, with_xyz
 from tests.support.paired_cell import ARMS, Member, compliance, draw_pairs, measured, with_joints_held

@@ -14,7 +14,7 @@ from calib.planning.criterion import EffectOutcome, ForCalibration, ForEffects
 from calib.planning.plan import Plan, criterion_of, plan_poses
 from calib.planning.prediction import enough_poses
 from calib.planning.start import FromFit, FromRobot
-from calib.present.moves.plans import assumptions, told
+from calib.present.plans.plans import assumptions, told
 from calib.simulation.pose_design import draw_scanner_pose, scan_poses
 from calib.simulation.simulate import measure
 from calib.simulation.truth.arm_sampling import draw_truth

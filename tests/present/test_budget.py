@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from calib.diagnosis.budget import LINKS, NOISE, UNKNOWN, BudgetShare, ErrorBudget
-from calib.present.cause.budget import budget_blocks, budget_document, budget_parts, budget_sentence
+from calib.present.diagnosis.budget import budget_blocks, budget_document, budget_parts, budget_sentence
 from calib.present.results import to_dict
 from calib.rendering.blocks import Presentation
 from calib.rendering.colours import NEUTRAL, UNEXPLAINED

@@ -10,7 +10,7 @@ import pytest
 import calib
 from calib import calibrate, screen
 from calib.calibration.result import Calibration
-from calib.present.cause.candidates import (
+from calib.present.diagnosis.candidates import (
     BRIEF_RANKING,
     FOLDED_BELOW,
     FULL_RANKING,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from calib.extras.robot_programs.program_correction import ProgramCorrection, TargetMove
-from calib.present.moves.correction import correction_document, gain_blocks
+from calib.present.plans.correction import correction_document, gain_blocks
 from calib.present.results import keys_of
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Paragraph, Table

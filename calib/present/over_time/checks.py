@@ -12,7 +12,7 @@ from calib.consistency.data_problem import DataProblem
 from calib.dataset.repeats import repeats_frame
 from calib.diagnosis.result import Diagnosis
 from calib.fitting.tool_point import ToolShift
-from calib.present.cause.verdict import promise, verdict
+from calib.present.diagnosis.verdict import promise, verdict
 from calib.present.fit.calibration import fit_sentence, outlier_hint, table_doubt, tool_shift_sentence
 from calib.present.results import document, presentation
 from calib.rendering import numbers

@@ -21,7 +21,7 @@ from calib.dataset_import.import_dataset import (
 from calib.dataset_import.plan import ImportPlan, ImportSources
 from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError, visible
-from calib.present.cause.diagnosis import diagnosis_document
+from calib.present.diagnosis.diagnosis import diagnosis_document
 from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options.datasets import ImportOptions
 from inspector.cli.progress import progress, stages

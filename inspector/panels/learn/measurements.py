@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import viser
 
 from calib.diagnosis.moves import LeaveOutPoses
-from calib.present.cause.diagnosis import outliers_sentence
+from calib.present.diagnosis.diagnosis import outliers_sentence
 from calib.rendering import numbers
 from calib.rendering.blocks import Paragraph
 from calib.rendering.html import panel

@@ -10,7 +10,7 @@ from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, ShapeNoise
 from calib.diagnosis.result import Diagnosis
 from calib.planning.discrimination import NextPoses
-from calib.present.cause.candidates import (
+from calib.present.diagnosis.candidates import (
     CANNOT_BE_TESTED,
     candidate_blocks,
     fitted_effect,
@@ -19,10 +19,10 @@ from calib.present.cause.candidates import (
     ranking_to_choose_from,
     ticks_sentence,
 )
-from calib.present.cause.diagnosis import HOW, reasons
-from calib.present.cause.interventions import intervention_sections
-from calib.present.cause.verdict import advice as advice_sentence
-from calib.present.cause.verdict import residual_of, verdict
+from calib.present.diagnosis.diagnosis import HOW, reasons
+from calib.present.diagnosis.interventions import intervention_sections
+from calib.present.diagnosis.verdict import advice as advice_sentence
+from calib.present.diagnosis.verdict import residual_of, verdict
 from calib.present.effects import not_testable, with_joints
 from calib.present.fit.errors import last_change
 from calib.present.fit.learned import BAND_NOTE, curve_blocks, offered_curves

@@ -7,7 +7,7 @@ from functools import partial
 import viser
 
 from calib.planning.purpose import CALIBRATION, purposes
-from calib.present.moves.plans import assumptions, plan_head, poses_table
+from calib.present.plans.plans import assumptions, plan_head, poses_table
 from calib.rendering import html, numbers
 from calib.rendering.blocks import Bullets, Section
 from inspector.figures.plots import error_by_count

@@ -16,7 +16,7 @@ from calib.extras.proof_plan.proof_plan import ForProof, NextChange, change_for,
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
 from calib.planning.plan import plan_poses
 from calib.planning.start import FromFit
-from calib.present.moves.plans import plan_headline
+from calib.present.plans.plans import plan_headline
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cell import Cell, draw_cell
 from tests.support.paired_cell import ARMS, compliance, proofs_of

@@ -7,7 +7,7 @@ from html import unescape
 
 import pytest
 
-from calib.present.cause.budget import budget_parts
+from calib.present.diagnosis.budget import budget_parts
 from calib.present.fit.errors import length
 from inspector.app.app import App
 from inspector.panels.headline import TO_FIND, headline_html

@@ -14,7 +14,7 @@ import pytest
 
 from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.present.cause.budget import budget_parts
+from calib.present.diagnosis.budget import budget_parts
 from calib.present.effects import title
 from calib.present.fit.errors import length
 from calib.rendering import numbers

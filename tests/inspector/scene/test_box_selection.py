@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
-from calib.present.cause.candidates import explained_at
+from calib.present.diagnosis.candidates import explained_at
 from calib.screening.candidates import explained_shares_at
 from inspector.app.app import App
 from inspector.scene.scene_view import Sight

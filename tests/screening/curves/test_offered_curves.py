@@ -17,8 +17,8 @@ from calib.diagnosis.moves import AddCurves
 from calib.diagnosis.search_space import add_in_turn
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
-from calib.present.cause.verdict import advice as advice_words
-from calib.present.cause.verdict import fault as fault_words
+from calib.present.diagnosis.verdict import advice as advice_words
+from calib.present.diagnosis.verdict import fault as fault_words
 from calib.rendering.blocks import plain
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED

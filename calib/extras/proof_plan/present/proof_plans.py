@@ -7,7 +7,7 @@ from typing import Any
 from calib.extras.proof_plan.proof_plan import NextChange, PairReason
 from calib.extras.proof_plan.simulated_pairs import ConditionChange
 from calib.intervention.pairs import APPROACH, PAYLOAD
-from calib.present.moves.plans import SURELY, ReasonTold, Told, reason_told, told
+from calib.present.plans.plans import SURELY, ReasonTold, Told, reason_told, told
 from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Presentation, Verdict, Words, effect, listed, spans

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from calib.extras.watch.change_models import change_label
 from calib.extras.watch.watch_criterion import CheckOutcome
-from calib.present.moves.plans import Told, told
+from calib.present.plans.plans import Told, told
 from calib.rendering import numbers
 from calib.rendering.blocks import Paragraph, Table
 

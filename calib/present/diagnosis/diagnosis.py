@@ -22,12 +22,12 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel, Refusal
 from calib.identifiability.structural import redundancy_of
 from calib.planning.discrimination import DiscriminatingPose, NextPoses, next_poses
-from calib.present.cause.budget import budget_blocks, budget_document, probability_document, probability_sentence
-from calib.present.cause.candidates import ranking, untestable_blocks
-from calib.present.cause.interventions import intervention_sections, intervention_sentences, proven_document
-from calib.present.cause.noise import noise_document, noise_sentences
-from calib.present.cause.signals import drive_sections, drive_sentences, signals_document
-from calib.present.cause.verdict import curves, fault, laws, verdict
+from calib.present.diagnosis.budget import budget_blocks, budget_document, probability_document, probability_sentence
+from calib.present.diagnosis.candidates import ranking, untestable_blocks
+from calib.present.diagnosis.interventions import intervention_sections, intervention_sentences, proven_document
+from calib.present.diagnosis.noise import noise_document, noise_sentences
+from calib.present.diagnosis.signals import drive_sections, drive_sentences, signals_document
+from calib.present.diagnosis.verdict import curves, fault, laws, verdict
 from calib.present.effects import meaning, with_key
 from calib.present.fit.calibration import (
     camera_sections,

@@ -15,7 +15,7 @@ from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import descriptions
 from calib.effects.effect import describe
-from calib.present.cause.noise import noise_sentences
+from calib.present.diagnosis.noise import noise_sentences
 from calib.present.effects import meaning, title, with_key
 from calib.present.fit.calibration import leading_entry_sentence, table_doubts
 from calib.present.fit.learned import law_phrase

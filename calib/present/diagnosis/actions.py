@@ -15,7 +15,7 @@ from calib.effects.catalogue import descriptions
 from calib.effects.catalogue.order_steps import ScannerStep
 from calib.models.exported_table import ExportedTable
 from calib.planning.discrimination import NextPoses
-from calib.present.cause.diagnosis import poses_to_measure
+from calib.present.diagnosis.diagnosis import poses_to_measure
 from calib.present.effects import title
 from calib.present.fit import errors as headlines
 from calib.present.results import headline
