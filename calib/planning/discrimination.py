@@ -429,7 +429,7 @@ class ForDiscrimination(BaseCriterion):
     @property
     def _helped_by_payload(self) -> bool:
         """Whether a varying payload would separate the hypotheses, and the data have no varying payload."""
-        members = [hypothesis.members[0] for hypothesis in self.hypothesis_set.hypotheses]
+        members = [hypothesis.members[0] for hypothesis in self.hypothesis_set.hypotheses if hypothesis.members]
         wanted = conditions_for(describe(member) for member in members)
         payload_kg = self.hypothesis_set.calibration.dataset.poses.payload_kg
         varies = payload_kg is not None and bool(payload_kg.min() < payload_kg.max())
