@@ -21,7 +21,7 @@ def imported(folder: Path, told: Arm, *, seed: int, links: float = 1.0, poses: i
     """Dataset of a session whose URDF is `told`."""
     session(seed, told=told, links=links, poses=poses).write(folder / "files")
     with unpacked(folder / "files") as files:
-        return write_plan(plan_of_files(files, ImportSources()), folder / "cell").dataset
+        return write_plan(plan_of_files(files, ImportSources()), folder / "cell")
 
 
 def with_origin(joint: int, *, longer_m: tuple[float, float, float] = (0, 0, 0), turned_deg: float = 0.0) -> Arm:

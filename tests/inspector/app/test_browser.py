@@ -87,6 +87,7 @@ def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
     says(page, "a6 and aTCP are indistinguishable: only a6 + aTCP can be known; keep a6.")
     image = page.locator(".js-plotly-plot .heatmaplayer image").last
     image.wait_for(timeout=MS)
+    image.scroll_into_view_if_needed()  # below what to keep
     box = image.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.locator(".hoverlayer .hovertext").filter(has_text="r =").first.wait_for(state="attached", timeout=MS)

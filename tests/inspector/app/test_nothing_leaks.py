@@ -107,7 +107,7 @@ def test_a_search_that_began_before_the_first_fit_is_not_the_next_datasets(app: 
     came, over = [], threading.Event()
 
     def work() -> LongWork:
-        came.append((yield from app.model._shown.beside(lambda: over.wait(60.0), started)))
+        came.append((yield from app.model._beside(lambda: over.wait(60.0), started)))
 
     running = work()
     next(running)
