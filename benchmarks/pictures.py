@@ -81,7 +81,7 @@ def learn(out: Path) -> None:
         frames.append(picture(page))
         for effect in ("joint_compliance", "backlash"):
             page.get_by_role("button", name=re.compile(f"^Add {effect}")).click()
-            says(page, f"+ {effect}: the test error fell")
+            says(page, f"with {effect.replace('_', ' ')}")  # in the headline
             frames.append(picture(page))
     frames[-1].save(out / "learn.png", optimize=True)
     animate(frames, out / "learn.gif")

@@ -108,7 +108,7 @@ def errors_legend(version: Version, view: View) -> str:
     level = noise_level(version.calibration)
     floor = level.floor_mm
     mark = None if floor is None else (floor, f"{level.name}, {numbers.length(floor)}")
-    return colour_scale.bar(f"3D error of {version.name}", 0.0, error_limit_mm(view), colour_scale.ERROR, mark=mark)
+    return colour_scale.bar(f"3D error: {version.name}", 0.0, error_limit_mm(view), colour_scale.ERROR, mark=mark)
 
 
 def distance_bar(distances_mm: Array) -> str:

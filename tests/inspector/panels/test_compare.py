@@ -107,7 +107,7 @@ def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireCl
     expected = np.array([rgb(ROLE_COLOURS[str(r)]) for r in roles])
     np.testing.assert_array_equal(array(page, "corners/points", "colors", 3), expected)
     page.set("Measured points", BY_ERROR)
-    page.wait(lambda p: f"3D error of {LINKS}" in plain(p))
+    page.wait(lambda p: f"3D error: {LINKS}" in plain(p))
     idle(app)
     limit = error_limit_mm(app.state.now)
     errors = version(app, LINKS).pose_errors_mm()
@@ -118,7 +118,7 @@ def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireCl
     order = np.argsort(errors)  # from blue to orange, blue falls all the way
     assert (np.diff(drawn[order][:, 2]) <= 0).all()
     page.set("Model shown", NOMINAL)
-    page.wait(lambda p: f"3D error of {NOMINAL}" in plain(p))
+    page.wait(lambda p: f"3D error: {NOMINAL}" in plain(p))
 
 
 def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireClient) -> None:
