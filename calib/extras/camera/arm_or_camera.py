@@ -131,7 +131,7 @@ def _compared(
     dof = len(data) - basis.shape[1]
 
     def columns(a: float, c: float) -> Array:
-        """Of all unknowns in standard deviations of their priors; the board's size is the last."""
+        """Unknowns in standard deviations of their priors; the size of the board is the last."""
         return np.concatenate([a * arm, (1.0 if lens_is_found else c) * lens, c * size], axis=1)
 
     def evidence(arms: Array, sides: Array, moves: Sequence[Array] = (np.zeros((len(data), 0)),)) -> float:

@@ -223,7 +223,7 @@ def _vector(file: XmlFile, element: Element, key: str, what: str, default: Vecto
 def _numbers(
     file: XmlFile, element: Element, key: str, what: str, default: Sequence[float], most: float = _MOST
 ) -> Sequence[float]:
-    """As many numbers of an attribute as it has by default. Raises RobotFileError."""
+    """Numbers of an attribute, as many as its default has. Raises RobotFileError."""
     text = element.attributes.get(key)
     if text is None:
         return default
