@@ -156,7 +156,7 @@ def adds(server: Server, page: WireClient, reads_s: float) -> None:
         page.click("Add to the model")
         page.wait(says(f"+ {name}: the"), 60)
         shown.append(time.perf_counter() - began)
-        page.wait(says(f"link errors + {name}", "What is left: "), 60)
+        page.wait(says(f"calibrated links + {name}", "What is left: "), 60)
         judged.append(time.perf_counter() - began)  # the arrows move on for a while
         quiet(page)
         spent.append(server.cpu_s() - cpu_s)

@@ -1,4 +1,4 @@
-"""Versions of a model for comparison: the nominal robot, link errors fitted, further effects fitted."""
+"""Versions of a model for comparison: as delivered, with calibrated links, with effects."""
 
 from __future__ import annotations
 
@@ -20,8 +20,13 @@ from calib.kinematics.tool_point import with_own_tool_point
 from calib.options import FitOptions
 from calib.statistics import group_means
 
-NOMINAL, LINKS, EFFECTS = "nominal", "link errors", "with effects"
+NOMINAL, LINKS, EFFECTS = "as delivered", "calibrated links", "with effects"
 VERSIONS = (NOMINAL, LINKS, EFFECTS)
+
+
+def model_name(model: Model) -> str:
+    """Name of a fitted model by its content: "calibrated links + backlash"."""
+    return " + ".join([LINKS, *model.family_names])
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from calib.fitting.observations import Observations
 from calib.lazy_modules import pd
 from calib.statistics import group_means
 
+_DECIMALS = 6  # of mm, degrees and Nm: a nanometre
+
 
 def residual_table(calibration: Calibration) -> pd.DataFrame:
     """Table with one row per measured pose, in the dataset's order; several points of a pose are averaged.
@@ -37,9 +39,9 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
         ("predicted", measured_mm + pose_errors.error_mm),
         ("measured", measured_mm),
     ):
-        columns |= {f"{name}_{axis}_mm": values[:, k] for k, axis in enumerate("xyz")}
+        columns |= {f"{name}_{axis}_mm": values[:, k].round(_DECIMALS) for k, axis in enumerate("xyz")}
         if name == "error":
-            columns["error_mm"] = np.linalg.norm(values, axis=1)
+            columns["error_mm"] = np.linalg.norm(values, axis=1).round(_DECIMALS)
     for name, values_of_input in _inputs(pose_errors, poses, dataset.robot.is_revolute).items():
         while name in columns:
             name = f"input_{name}"
@@ -57,9 +59,9 @@ def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> di
             named[columns[name]] = poses.extra.by_name[columns[name]]  # texts, not the numbers that replace them
         elif quantity == "q":
             turns = bool(is_revolute[joint])
-            named[f"{name}_{'deg' if turns else 'mm'}"] = np.degrees(values) if turns else values
+            named[f"{name}_{'deg' if turns else 'mm'}"] = (np.degrees(values) if turns else values).round(_DECIMALS)
         elif quantity == "torque":
-            named[f"{name}_nm"] = values
+            named[f"{name}_nm"] = values.round(_DECIMALS)
         elif name not in PLACES:
             named[name] = values
     return named

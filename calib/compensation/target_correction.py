@@ -58,6 +58,7 @@ _ZEROS = 2.0  # largest change in multiples of the joint's own zero error, where
 _TURN_WEIGHTS = (10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.0)
 """Weights of the tool's turn against the joints' motion, tried one after another."""
 _MOST_OF_BOX = 0.9  # share of the box beyond which a motion is large, and the next weight is tried
+MOST_RAD = 4.0 * np.pi  # two turns: joint values beyond that are degrees
 _KNOWN = 0.5  # share of a correction's turn below which a sigma makes the turn known
 _SINGULAR = 0.02
 """Smallest over largest singular value of the Jacobian, below which a posture is near singular."""
@@ -229,10 +230,24 @@ def _model(calibrated: Robot | Model, x: ArrayLike | None) -> tuple[Model, Array
     return calibrated.at_tool, np.asarray(x, dtype=float)
 
 
+def require_joint_vectors(robot: Robot, q: Array, conditions: Poses | None) -> None:
+    """Raise FitError unless q (N, n) are joint vectors of a robot in rad, and conditions, if any, as many."""
+    if q.ndim != 2 or q.shape[1] != robot.n_joints:
+        raise FitError(f"joint vectors for {robot.name} have shape (N, {robot.n_joints}), found {q.shape}")
+    if conditions is not None and len(conditions) != len(q):
+        raise FitError(f"found conditions of {len(conditions)} poses for {len(q)} joint vectors")
+    far = np.argwhere(robot.is_revolute & (np.abs(q) > MOST_RAD))
+    if len(far):
+        row, joint = far[0]
+        raise FitError(
+            f"joint vector {row + 1} turns joint {joint + 1} by {q[row, joint]:.4g} rad, more than two turns: were "
+            "these degrees? Give radians (np.radians)"
+        )
+
+
 def _check(nominal: Robot, model: Model, q: Array, conditions: Poses | None) -> None:
     require_links(nominal, "a correction of targets")
-    if q.ndim != 2 or q.shape[1] != nominal.n_joints:
-        raise FitError(f"joint vectors for {nominal.name} have shape (N, {nominal.n_joints}), found {q.shape}")
+    require_joint_vectors(nominal, q, conditions)
     bad = np.flatnonzero(~np.all(np.isfinite(q), axis=1))
     if len(bad):
         raise FitError(f"joint vector {bad[0] + 1} of {len(q)} is not finite; correct or remove it")
@@ -241,8 +256,6 @@ def _check(nominal: Robot, model: Model, q: Array, conditions: Poses | None) -> 
             f"the nominal arm has {nominal.n_joints} joints, the calibrated one {model.robot.n_joints}, or their kinds "
             "differ; both must be the same arm"
         )
-    if conditions is not None and len(conditions) != len(q):
-        raise FitError(f"found conditions of {len(conditions)} targets for {len(q)} joint vectors")
 
 
 def plain_poses(q: Array) -> Poses:

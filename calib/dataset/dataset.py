@@ -24,8 +24,9 @@ from calib.dataset.further_columns import FurtherColumns
 from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
+from calib.lazy_modules import pd
 from calib.noise_shape import NoiseShape
-from calib.plugins import contributions
+from calib.plugins import contributions, load
 from calib.presented import Presented
 from calib.target_shapes import DeclaredTarget
 
@@ -210,6 +211,11 @@ class Poses(Brief):
             hint = f"the nearest of {len(self)}: {', '.join(map(repr, near))}" if near else ""
             hint = hint or f"the first of {len(self)} is {self.ids[0]!r}"
             raise DatasetError(f"no pose named {pose_id!r}; {hint}") from None
+
+    def to_frame(self) -> pd.DataFrame:
+        """Table of the poses with the columns of poses.csv, angles in degrees."""
+        table: pd.DataFrame = load("calib.dataset.files.poses_csv:poses_frame")(self.poses, self.robot)
+        return table
 
     def _brief(self) -> str:
         roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.role == role))))
@@ -477,6 +483,11 @@ class Dataset(Presented):
                 notes=(*dataset.notes, f"a new setup begins with pose {pose_id}, as asked"),
             )
         return dataset
+
+    def to_frame(self) -> pd.DataFrame:
+        """Table of the poses with the columns of poses.csv, angles in degrees."""
+        table: pd.DataFrame = load("calib.dataset.files.poses_csv:poses_frame")(self.poses, self.robot)
+        return table
 
     def _brief(self) -> str:
         roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.poses.role == role))))

@@ -118,6 +118,10 @@ class ImportSources:
         return self.robots[0].robot.robot if self.robots else None
 
 
+LEFT_OUT = "as told"
+"""Why a column is left out."""
+
+
 @dataclass(frozen=True)
 class PlannedColumn:
     """Planned use of a table's column, with its reason; `meaning` is None for a column kept unchanged or left out."""
@@ -606,7 +610,7 @@ def _planned(table: MeantTable, mapping: Mapping[str, Meaning]) -> list[PlannedC
         column = by_name.get(name)
         if column is None:
             ignored = name in mapping and mapping[name].name == "ignore"
-            out.append(PlannedColumn(table.path, name, examples, None, "left out, as told" if ignored else ""))
+            out.append(PlannedColumn(table.path, name, examples, None, LEFT_OUT if ignored else ""))
             continue
         meaning = Meaning(column.meaning, column.unit, column.sign, column.offset, column.others)
         out.append(PlannedColumn(table.path, name, examples, meaning, column.why))

@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.brief import Brief
 from calib.calibration.calibrate import fit_measured
+from calib.calibration.model_versions import model_name
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
@@ -30,7 +31,6 @@ from calib.screening.curves.law_search import FoundLaws, search_laws
 from calib.screening.curves.smooth_joint_error import ALL_JOINTS, LEARNED
 from calib.screening.projected_residual import project_residual
 
-GEOMETRY = "link errors"
 _Learned = TypeVar("_Learned")
 
 
@@ -69,7 +69,7 @@ class SelectedEffect(Brief):
 class FitStep(Brief):
     """One fit in the course of a search, from the link errors alone to the model with all added effects."""
 
-    label: str  # the change of the model: "link errors", "+ backlash", "− backlash"
+    label: str  # the change of the model: "calibrated links", "+ backlash", "− backlash"
     selected: tuple[SelectedEffect, ...]  # in the model, beyond the link errors and whole families
     calibration: Calibration
     effect: str | None = None  # that this step added
@@ -98,7 +98,7 @@ class FitStep(Brief):
 
 def first_step(calibration: Calibration) -> FitStep:
     """First fit step of a search: link errors, and the effects that a user declared present."""
-    return FitStep(" + ".join([GEOMETRY, *calibration.model.family_names]), (), calibration)
+    return FitStep(model_name(calibration.model), (), calibration)
 
 
 def candidate_of(screening: Screening | None, name: str) -> Candidate:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from calib.brief import errors_in_short
+from calib.calibration.model_versions import LINKS
 from calib.calibration.result import FittedResult
 from calib.diagnosis.budget import ErrorBudget, error_budget
 from calib.diagnosis.contradictions import Contradiction, contradictions
-from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.headline import HeldOutError, held_out_beyond_noise
 from calib.diagnosis.instrument_moves import InstrumentMove, instrument_moves
 from calib.diagnosis.probabilities import CauseProbabilities, cause_probabilities
@@ -129,7 +129,7 @@ class Diagnosis(Presented, Findings, FittedResult):
             after = step.calibration.after
             rows.append(
                 {
-                    "effect": step.effect or GEOMETRY,
+                    "effect": step.effect or LINKS,
                     "train_rmse_mm": after.train_rmse_mm,
                     "test_rmse_mm": after.test_rmse_mm,
                     "sigma_mm": step.calibration.sigma_mm,

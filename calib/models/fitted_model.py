@@ -17,7 +17,7 @@ from calib.calibration.promise import FitUncertainty, PointPromise, fit_uncertai
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.correction import Correction
-from calib.compensation.target_correction import correction_of, needed_columns, plain_poses
+from calib.compensation.target_correction import correction_of, needed_columns, plain_poses, require_joint_vectors
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
@@ -116,18 +116,14 @@ class FittedModel(Presented):
 
         `target`: "jig" is the measured point of the tool. `conditions`: payload, temperature ... of each joint vector,
         where the model depends on them; their own q is not used.
-        Raises FitError where they are missing, for q of another shape, or for an unknown target.
+        Raises FitError where they are missing, for q of another shape or in degrees, or for an unknown target.
         """
         q = np.array(q, dtype=float)
-        joints = self.model.robot.n_joints
-        if q.ndim != 2 or q.shape[1] != joints:
-            raise FitError(f"joint vectors for {self.model.robot.name} have shape (N, {joints}), found {q.shape}")
+        require_joint_vectors(self.model.robot, q, conditions)
         targets = (TOOL_POINT, *(known.name for known in self.model.robot.targets if not known.in_world))
         if target not in targets:
             raise FitError(f"no target named {target!r}; there are {', '.join(targets)}")
         self.require_conditions(conditions)
-        if conditions is not None and len(conditions) != len(q):
-            raise FitError(f"found conditions of {len(conditions)} poses for {len(q)} joint vectors")
         poses = plain_poses(q) if conditions is None else replace(conditions, q=q)
         return self.model.at_tool.predict(self.x, poses, target)
 

@@ -11,12 +11,14 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray, Vector
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Poses
+from calib.dataset.files.poses_csv import poses_frame
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import family_of
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
 from calib.identifiability.structural import fewest_poses
 from calib.kinematics.joint_range import random_poses
+from calib.lazy_modules import pd
 from calib.options import PLAN_REGIONS
 from calib.planning.criterion import (
     DesignCriterion,
@@ -95,6 +97,10 @@ class Plan(Presented):
     def power(self) -> float | None:
         """Probability that it is told which hypothesis is true; None for criteria without hypotheses."""
         return None if self.outcome is None else self.outcome.power
+
+    def to_frame(self) -> pd.DataFrame:
+        """Table of the poses in the order of measuring, with the columns of poses.csv, angles in degrees."""
+        return poses_frame(self.poses, self.start.dataset.robot)
 
     def _brief(self) -> str:
         error = f"predicted RMSE {self.now.geometry_mm:.3g} -> {self.then.geometry_mm:.3g} mm"

@@ -36,11 +36,6 @@ def with_key(key: str) -> tuple[Span, ...]:
     return (effect(key),) if named == key else spans(f"{named} (", effect(key), ")")
 
 
-def model_name(calibration: Calibration) -> str:
-    """Name of a model by its content: "link errors + backlash"."""
-    return " + ".join(["link errors", *calibration.model.family_names])
-
-
 def meaning(owner: Effect, parameter: Parameter, size: float, calibration: Calibration) -> str:
     """Text on what a parameter's value means for the arm at a dataset's poses; "" where it would repeat the value.
 

@@ -63,6 +63,7 @@ class App:
         named = dict(zip(names_of(folders), folders, strict=True))
         self._folders = named
         self._wanted = 0  # the pose asked for last
+        self._to_judge: set[str] = set()  # datasets just imported: the page leads to their verdict
         self._root, self._data = root, data
         self._described: tuple[str, dict[Path, int]] = ("", {})
         start = next(iter(named))
@@ -186,6 +187,8 @@ class App:
         self.panels.review.list_datasets(tuple(self._folders))
         if saved is not None:
             self.model.saved[name] = saved
+        else:
+            self._to_judge.add(name)
         self.open(name)
 
     def _open_session(self, saved: Saved) -> bool:
@@ -204,12 +207,16 @@ class App:
             self._wanted = 0  # another dataset starts at its first pose
         for controller in self.contributed.values():
             controller.opened()
+        self.panels.headline.doing(leads=self.state.name in self._to_judge)
         self._follow_model()
         saved = self.model.saved.get(self.state.name)
         if saved is not None:
             self._show_again(saved.shown)
 
     def _draw_model(self, first: bool) -> None:
+        if first and self.state.name in self._to_judge:
+            self._to_judge.remove(self.state.name)
+            self.find(True)
         self.stage.draw_model(first)
         self._follow_model()
 
@@ -258,7 +265,7 @@ class App:
 
     def between(self, share: float) -> None:
         """Draw the arrows between those of the model a step before (0) and those of the model on show (1)."""
-        self.worker.submit("between", lambda: self.stage.residuals.between(share))
+        self.worker.submit("between", lambda: self.stage.between(share))
 
     def show_step(self, number: int | None) -> None:
         """Show the model after a step, 0 for the nominal robot."""

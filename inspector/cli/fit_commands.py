@@ -123,7 +123,7 @@ def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list
     calibrate = f"inspector calibrate {path}{effects} --out robot.toml writes the calibrated table"
     if result.held_out_beyond_noise is None:
         return [calibrate]
-    return [f"inspector plan {path} plans poses that determine the link errors better", calibrate]
+    return [f"inspector plan {path} plans poses that determine the links better", calibrate]
 
 
 def brief_text(result: Diagnosis, poses: NextPoses | None, path: Path) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calib.dataset.files.poses_csv import poses_frame
 from calib.errors import CalibError
 from calib.planning.plan import Plan
 from calib.text_files.csv_text import frame_csv
@@ -18,7 +17,7 @@ def check_plan_file(path: Path) -> None:
 
 def planned_file(plan: Plan) -> str:
     """Content of poses.csv with a plan's poses."""
-    return frame_csv(poses_frame(plan.poses, plan.start.dataset.robot))
+    return frame_csv(plan.to_frame())
 
 
 def files_of_plan(path: Path, plan: Plan) -> dict[Path, str]:

@@ -92,7 +92,7 @@ def convergence(
     longest = max((len(y) for y in curves.values()), default=1)
     return figure(
         traces,
-        xaxis={"title": "iteration (0 = nominal)", "rangemode": "tozero", "dtick": max(1, longest // 8)},
+        xaxis={"title": "iteration (0 = as delivered)", "rangemode": "tozero", "dtick": max(1, longest // 8)},
         yaxis={"title": f"{what} RMSE, mm", **_log_axis(_known(curves))},
     )
 

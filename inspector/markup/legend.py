@@ -32,8 +32,12 @@ SCANS_IN_ROOM = (
 )
 
 
-def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> str:
-    """HTML legend of the visible, non-empty layers; `distances_mm` (N,) from the scan to the jig."""
+def legend_html(view: View, visible: set[str], distances_mm: Array | None, arrows: str = "") -> str:
+    """HTML legend of the visible, non-empty layers.
+
+    distances_mm  # (N,) from the scan to the jig
+    arrows: words on how long the residuals are.
+    """
     if not visible:
         return elements.note(EMPTY)
     search, corner = view.search, view.search.corner if view.search is not None else None
@@ -53,12 +57,14 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
         parts.append(elements.legend(numbered, before="sets rejected by filter"))
     if "distance" in visible and distances_mm is not None and np.isfinite(distances_mm).any():
         parts.append(distance_bar(distances_mm))
-    if "corner" in visible and corner_of(view, view.pose) is not None:
+    found = corner_of(view, view.pose)
+    if "corner" in visible and found is not None:
         what = "point" if view.session.dataset.scan_folder is None else "corner"
-        parts.append(elements.legend([(HIGHLIGHT, f"this {what}, 1σ × {view.factor:g}")]))
+        sigma = "" if found[1] is None else f", σ {numbers.length(float(np.sqrt(np.trace(found[1]))))}"
+        parts.append(elements.legend([(HIGHLIGHT, f"this {what}{sigma}, 1σ drawn × {view.factor:g}")]))
     if view.shows_difference and visible & {"residuals", "before"}:
         of = [(CHANGED, "the change, measured"), (MODEL_COLOURS[EFFECTS], "what is proven (lines)")]
-        parts.append(elements.legend(of, before=f"× {view.arrows:g} moved by"))
+        parts.append(elements.legend(of, before=f"× {view.arrows:g}, {arrows}, moved by"))
     compared = (
         [] if view.shows_difference else [version.name for version in view.versions if version.name in view.compared]
     )
@@ -66,7 +72,7 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
         if len(compared) == 1 and view.colouring != BY_ERROR:
             parts.append(errors_legend(next(v for v in view.versions if v.name in compared), view))
         models = ((MODEL_COLOURS[name], name) for name in compared)
-        worst = f"arrows × {view.arrows:g}: the {WORST} worst and those selected, to"
+        worst = f"arrows × {view.arrows:g}, {arrows}: the {WORST} worst and those selected, to"
         parts.append(elements.legend(models, before=worst))
         before = view.version_before if "before" in visible and view.compared == {view.chosen} else None
         if before is not None:

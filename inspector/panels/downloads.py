@@ -50,7 +50,7 @@ GROUPS: dict[str, dict[str, Item]] = {
         ),
         TABLE: Item(
             viser.Icon.ROBOT,
-            "The table for a controller: the link errors that are best without effects, as robot.toml.",
+            "The table for a controller: the calibrated links that are best without effects, as robot.toml.",
             "inspector calibrate --out",
         ),
         MODEL: Item(
@@ -75,7 +75,7 @@ GROUPS: dict[str, dict[str, Item]] = {
         ),
         POINTS: Item(
             viser.Icon.TABLE,
-            "The measured points as points.csv, mm in the instrument's frame, with covariance.",
+            "The measured points as points.csv, mm in the instrument's frame, with covariance where it is known.",
             "inspector corners --out",
         ),
         REDUNDANCY: Item(

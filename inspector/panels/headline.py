@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import viser
 
+from calib.calibration.model_versions import LINKS, NOMINAL
 from calib.diagnosis.budget import ErrorBudget
 from calib.diagnosis.headline import ErrorStage, Headline
 from calib.html_text import escape
@@ -16,13 +17,14 @@ from calib.present.diagnosis.budget import budget_parts, budget_sentence
 from calib.present.effects import title
 from calib.present.fit import errors as headlines
 from calib.rendering import numbers
-from inspector.markup.parts.elements import asking, opening
+from inspector.markup.parts.elements import asking, legend, opening
 from inspector.markup.parts.palette import MODEL_COLOURS
 from inspector.session.loop import FIND, FIT, IDLE, MEASURE, STEPS, TAKE, Progress, TaskStatus
 from inspector.session.session import Session
 from inspector.session.view import SIDES, View
 
 OFF_BY = "How far the arm is off"
+OF_SQUARE = "Squared error as delivered:"
 TABS = {  # where each step is done
     MEASURE: "Measure/Scans",
     FIT: "Model/Fit",
@@ -34,6 +36,7 @@ RANKING = "Weighing what could be missing from the model …"
 FOUND = "Take away the calibrated robot, the model or a report."
 TO_FIND = "Let the program find what this arm does that its model lacks."
 NO_DATASET = "No dataset is open."
+NO_CORNER = "No scan shows what is searched for: Review says why."
 
 
 class HeadlinePanel:
@@ -84,9 +87,10 @@ def headline_html(view: View | None, doing: TaskStatus) -> str:
     session = view.session
     progress = Progress.of(session, doing)
     told = session.headline
-    way = "" if told is None else _way(told, view)
+    way = _TO_COME if told is None else _way(told, view)
     now = f'<div class="headline-now">{escape(_now(session, progress, doing))}</div>'
-    return f'<div class="headline">{way}{_steps(progress, doing)}{now}</div>'
+    leads = " data-leads" if doing.leads and session.diagnosis is None else ""
+    return f'<div class="headline"{leads}>{way}{_steps(progress, doing)}{now}</div>'
 
 
 def looks_html() -> str:
@@ -110,7 +114,7 @@ def _way(told: Headline, view: View) -> str:
 
 
 def _budget(budget: ErrorBudget | None) -> str:
-    """HTML of the thin bar that divides the squared error as delivered between its causes; "" where there is none."""
+    """HTML of the thin bar of the error budget: causes of the squared error as delivered, with their legend."""
     if budget is None:
         return ""
     parts = "".join(
@@ -119,7 +123,21 @@ def _budget(budget: ErrorBudget | None) -> str:
         for part in budget_parts(budget)
     )
     words = escape(budget_sentence(budget))
-    return f'<div class="headline-budget" role="img" aria-label="{words}" title="{words}">{parts}</div>'
+    meant = legend(((part.colour, f"{part.name} {part.words}") for part in budget_parts(budget)), before=OF_SQUARE)
+    bar = f'<div class="headline-budget" role="img" aria-label="{words}" title="{words}">{parts}</div>'
+    return f'{bar}<div class="headline-parts" title="{words}">{meant}</div>'
+
+
+_TO_COME = (
+    f'<div class="headline-title"><span>{OFF_BY}</span></div><div class="headline-way">'
+    + "".join(
+        f'<span class="headline-stage" style="--of-version:{MODEL_COLOURS[name]}"><strong>–</strong>'
+        f"<span>{name}</span></span>"
+        for name in (NOMINAL, LINKS)
+    )
+    + "</div>"
+)
+"""What stands in the place of the errors before a fit, so that the bar keeps about its height."""
 
 
 def _stage(told: Headline, stage: ErrorStage, view: View) -> str:
@@ -169,6 +187,8 @@ def _now(session: Session, progress: Progress, doing: TaskStatus) -> str:
     if progress.next == MEASURE:
         if doing.searching:
             return f"Looking for the jig's corner in each scan: {searched} of {scans}. Then the arm is fitted to them."
+        if searched == scans:
+            return NO_CORNER
         stopped = f"The search is stopped: {searched} of {numbers.count(scans, 'scan')} searched."
         return f"{stopped} Go on searching in the panel Review."
     if progress.next == FIT:

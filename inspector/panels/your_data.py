@@ -14,7 +14,7 @@ import viser
 from calib.dataset.dataset import Dataset
 from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import Meaning, meaning_of
-from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from calib.dataset_import.plan import LEFT_OUT, ImportPlan, PlannedColumn
 from calib.dataset_import.questions import Question
 from calib.dataset_import.user_files import UNUSED, UserFile, UserFiles
 from calib.present.fit.dataset import first_rows, preview
@@ -27,7 +27,7 @@ from inspector.markup.parts.palette import FAILED
 from inspector.panels.base import SECONDARY, on_page, put
 
 OWN_DATA = "Open your own data …"
-OWN_HINT = "a zip, a robot's file and CSV tables of joints and points, or a session; or drop them anywhere on the page"
+OWN_HINT = "or drop it on the page: a robot's file with tables of joints and points, scans, a zip, or a session"
 OPEN = "Import and open"
 CANCEL = "Cancel"
 CHOOSE = "choose …"
@@ -58,17 +58,20 @@ WIDE = (
     ".mantine-Modal-inner:has(.inspector-import){padding-inline:2vw}</style>"
     "<div class='inspector-import' tabindex='-1' data-autofocus style='outline:none'></div>"  # else a list opens itself
 )
-_OTHERS = ("pose", "role", "target", "setup", "payload_kg", "temperature_c", "time_s", "scan")
+_OTHERS = ("pose", "target", "setup", "role", "payload_kg", "temperature_c", "time_s", "scan")
+KEPT, DROPPED = "kept as it is", "left out"
 
 
 class OwnDataButton:
     """Upload button at the top of the left panel; where the server accepts no data, it explains how to enable that."""
 
     def __init__(self, gui: viser.GuiApi, *, takes_data: bool) -> None:
+        """Add the button, and a line on what it takes."""
         self.upload: viser.GuiUploadButtonHandle | None = None
         self.how: viser.GuiButtonHandle | None = None
         if takes_data:
-            self.upload = gui.add_upload_button(OWN_DATA, icon=viser.Icon.UPLOAD, hint=OWN_HINT)
+            self.upload = gui.add_upload_button(OWN_DATA, icon=viser.Icon.UPLOAD)
+            gui.add_html(elements.note(OWN_HINT))
         else:
             self.how = gui.add_button(OWN_DATA, icon=viser.Icon.UPLOAD, color=SECONDARY, hint=OWN_HINT)
 
@@ -100,7 +103,6 @@ class Offer:
     joints: str
     points: str
     name: str
-    place: Path
 
     @property
     def is_ready(self) -> bool:
@@ -134,8 +136,7 @@ class YourDataWindow:
             self._preview = gui.add_html("")
             self._asked = gui.add_html("")
             self.told = {label: gui.add_text(label, "", visible=False, hint=hint) for label, hint in HINTS.items()}
-            self.name = gui.add_text("Name", "")
-            self._place = gui.add_html("")
+            self.name = gui.add_text("Name", "", hint="under which the dataset is listed at the top left")
             self.open = gui.add_button(OPEN, disabled=True, icon=viser.Icon.FOLDER_OPEN)
             self.cancel = gui.add_button(CANCEL, color=SECONDARY)
         self._choices: dict[str, viser.GuiDropdownHandle[str]] = {}  # by column
@@ -195,7 +196,6 @@ class YourDataWindow:
         self._offer_to_skip(plan)
         if self.name.value != offer.name:
             put(self.name, offer.name)
-        self._place.content = elements.note(f"It will be written to {offer.place} and listed at the top left.")
         self.open.disabled = not offer.is_ready
         self.open.label = OPEN
 
@@ -215,7 +215,7 @@ class YourDataWindow:
             self._choices.pop(label).remove()
         with self._folder:
             for label, column in zip(labels, plan.columns, strict=True):
-                options, value = tuple(all_meanings(joints, column)), meaning_words(column.meaning)
+                options, value = tuple(all_meanings(joints, column)), column_words(column)
                 if label not in self._choices:
                     self._choices[label] = self._gui.add_dropdown(
                         column.name, options, initial_value=value, hint=f"{column.table.name}: {column.name}"
@@ -253,13 +253,16 @@ def explain(gui: viser.GuiApi) -> None:
     close.on_click(lambda _: modal.close())
 
 
-def all_meanings(joints: int, column: PlannedColumn | None = None) -> dict[str, Meaning]:
-    """Meanings that can be assigned to a column, by their label; its present meaning is among them."""
-    meanings = [Meaning("ignore")]
+def all_meanings(joints: int, column: PlannedColumn | None = None) -> dict[str, Meaning | None]:
+    """Meanings that can be assigned to a column, by their label; its present meaning is among them.
+
+    None: it is taken for what its name says, else kept as a further input.
+    """
+    meanings = [Meaning("pose"), None, Meaning("ignore")]
+    meanings += [Meaning(axis, unit) for axis in "xyz" for unit in ("mm", "m", "in")]
     for k in range(1, joints + 1):
         meanings += [Meaning(f"q{k}", unit, sign) for unit in ("deg", "rad") for sign in (1.0, -1.0)]
-    meanings += [Meaning(axis, unit) for axis in "xyz" for unit in ("mm", "m", "in")]
-    meanings += [Meaning(name) for name in _OTHERS]
+    meanings += [Meaning(name) for name in (*_OTHERS[1:], *(f"approach{k}" for k in range(1, joints + 1)))]
     if column is not None and column.meaning is not None:
         meanings.append(column.meaning)
     return {meaning_words(meaning): meaning for meaning in meanings}
@@ -297,7 +300,7 @@ def _name(file: UserFile, folder: Path) -> str:
 def meaning_words(meaning: Meaning | None) -> str:
     """Phrase for a meaning, such as "joint 3, deg, other way round"."""
     if meaning is None or meaning.name == "ignore":
-        return "–"
+        return KEPT if meaning is None else DROPPED
     if quantity_of(meaning.name) != "q":
         return f"{meaning.name}, {meaning.unit}" if meaning.unit else meaning.name
     words = [f"joint {meaning.name[1:]}"]
@@ -308,6 +311,11 @@ def meaning_words(meaning: Meaning | None) -> str:
     return ", ".join(words)
 
 
+def column_words(column: PlannedColumn) -> str:
+    """Phrase for what becomes of a column."""
+    return DROPPED if column.why == LEFT_OUT else meaning_words(column.meaning)
+
+
 def columns_table(columns: Sequence[PlannedColumn]) -> Table:
     """Table of the columns: first value, meaning, and reason."""
     several = len({column.table for column in columns}) > 1
@@ -316,8 +324,8 @@ def columns_table(columns: Sequence[PlannedColumn]) -> Table:
             *([column.table.name] if several else []),
             column.name,
             column.examples[0][:24] if column.examples else "",
-            meaning_words(column.meaning),
-            column.why or "kept as it is",
+            column_words(column),
+            column.why,
         )
         for column in columns
     ]

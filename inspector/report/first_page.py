@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from calib.calibration.model_versions import versions
+from calib.calibration.model_versions import EFFECTS, model_name, versions
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.headline import Headline as HeadlineFacts
 from calib.models.exported_table import ExportedTable
 from calib.present.diagnosis.actions import plain_verdict, what_to_do
 from calib.present.diagnosis.budget import budget_blocks
-from calib.present.effects import model_name
 from calib.present.fit import errors as headlines
 from calib.rendering.blocks import Block, Bullets, Drawing, KeyFigures, Paragraph, Verdict
 from calib.rendering.colours import VERDICT_COLOURS
@@ -56,7 +55,7 @@ def _verdict(session: Session, calibration: Calibration, told: HeadlineFacts) ->
     found = session.diagnosis
     words = plain_verdict(told, found)
     if found is None:
-        by_hand = f"No verdict: the model ({model_name(calibration)}) was put together by hand."
+        by_hand = f"No verdict: the model ({model_name(calibration.model)}) was put together by hand."
         return Verdict(f"{by_hand} {words}", NEUTRAL)
     return Verdict(words, VERDICT_COLOURS[found.verdict])
 
@@ -64,7 +63,7 @@ def _verdict(session: Session, calibration: Calibration, told: HeadlineFacts) ->
 def _picture(session: Session, calibration: Calibration, told: HeadlineFacts) -> Drawing:
     shown, poses = versions(calibration, session.links_alone), calibration.dataset.poses
     first, last = told.stages[0], told.stages[-1]
-    now = "with the full model" if calibration.model.family_names else "with calibrated links"
+    now = EFFECTS if calibration.model.family_names else "with calibrated links"
     words = (
         f"{first.name}: {headlines.length(told, first.error_mm)}",
         f"{now}: {headlines.length(told, last.error_mm)}",

@@ -12,6 +12,7 @@ from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
+from calib.calibration.model_versions import model_name
 from calib.calibration.noise_level import check_sigma
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
@@ -37,7 +38,6 @@ from calib.present.diagnosis.diagnosis import (
     verdict_block,
 )
 from calib.present.diagnosis.interventions import intervention_sections
-from calib.present.effects import model_name
 from calib.present.fit.calibration import camera_sections, parameters
 from calib.present.fit.dataset import measured_blocks
 from calib.present.fit.errors import error_tables, history_caption, last_change, pose_errors, sigma_sentence, step_table
@@ -154,7 +154,7 @@ def _ranking(session: Session, calibration: Calibration) -> list[Block]:
     if best is not None:
         caption = f"{best.name}: its coefficients as that ranking estimates them"
         values = [replace(estimated_values(best, calibration), caption=caption)]
-    tested = f"Each effect tested on the residual of the model of {model_name(ranked)}."
+    tested = f"Each effect tested on the residual of the model of {model_name(ranked.model)}."
     return [
         Paragraph(f"{tested} {held_out_sentence(found)}"),
         ranking(found, FULL_RANKING, mark=calibration.model.family_names, likely=likely),

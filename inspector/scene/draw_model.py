@@ -90,12 +90,11 @@ def arm_nodes(
     solids: Solids,
     shape: ArmShape,
     tool_colour: str,
-    text: str,
     meshed: Sequence[int] = (),
     selected: int | None = None,
     all_in: str = "",
 ) -> Nodes:
-    """Nodes of an arm's solids in the scanner's frame, except links drawn as meshes, with words at the tip, if any.
+    """Nodes of an arm's solids in the scanner's frame, except links drawn as meshes.
 
     selected: the joint, from 0, that stands out. all_in: one colour for all of it.
 
@@ -123,7 +122,6 @@ def arm_nodes(
             pen, "balls", unit_sphere(10, 16), upright(len(size)), shape.ball_mm[balls], size,
             np.tile(np.array(rgb(all_in or ARM), dtype=np.uint8), (len(size), 1)), shape.ball_link[balls].tolist(),
         ),
-        *([pen.label("label", text, shape.tip_mm, "top-center")] if text else []),
     ]  # fmt: skip
 
 
@@ -141,12 +139,13 @@ def joint_axis(pen: Pen, shape: ArmShape, joint: int | None) -> Nodes:
 
 
 def base_nodes(pen: Pen, scanner_T_base: Array) -> Nodes:
-    """Nodes of the axes of the robot's base: x red, y green, z blue."""
+    """Node of the axes of the robot's base: x red, y green, z blue."""
     wxyz, position = pose_of(scanner_T_base)
-    axes = pen.api.add_frame(
-        pen.of("base"), axes_length=AXIS_MM * M_PER_MM, axes_radius=3.0 * M_PER_MM, wxyz=wxyz, position=position
-    )
-    return [axes, pen.label("base_label", "base", scanner_T_base[:3, 3], "top-center", 0.8)]
+    return [
+        pen.api.add_frame(
+            pen.of("base"), axes_length=AXIS_MM * M_PER_MM, axes_radius=3.0 * M_PER_MM, wxyz=wxyz, position=position
+        )
+    ]
 
 
 def pose_of(transform: Array) -> tuple[Array, Array]:
@@ -209,7 +208,6 @@ class ArmDrawing:
             return
         dataset = view.session.dataset
         placed = version.scanner_T_base[view.pose]
-        text = f"{view.pose_id}, {version.name}"
 
         def make(pen: Pen) -> Nodes:
             self._load(pen, dataset)
@@ -218,7 +216,7 @@ class ArmDrawing:
                 handle.color = rgb(HIGHLIGHT if joint == view.joint else ARM)
             colour, meshed = MODEL_COLOURS[version.name], tuple(self._meshes)
             return [
-                *arm_nodes(pen, self._solids, arm, colour, text, meshed, view.joint),
+                *arm_nodes(pen, self._solids, arm, colour, meshed, view.joint),
                 *joint_axis(pen, arm, view.joint),
                 *base_nodes(pen, placed),
                 *self._meshes.values(),

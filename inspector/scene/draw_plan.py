@@ -48,14 +48,13 @@ class PlanDrawing:
             nodes = [
                 pen.points("points", at_mm, colours, _POINT_MM),
                 pen.lines("rays", rays, np.repeat(colours[:, None], 2, axis=1)),
-                *(pen.label(f"label{i}", plan.poses.ids[i], at_mm[i], size=0.75) for i in range(len(at_mm))),
+                *([] if k is None else [pen.label("label", f"{plan.poses.ids[k]}, planned", at_mm[k])]),
                 *([pen.lines("field", edges_mm, rgb(MEASURE))] if len(edges_mm) else []),
             ]
             if shape is None or k is None:
                 return nodes
-            text = f"{plan.poses.ids[k]}, planned"
             of_arm = Pen(pen.api, pen.of("arm"))
-            return [*nodes, *arm_nodes(of_arm, self._solids, shape, GOOD, text, all_in=GOOD)]
+            return [*nodes, *arm_nodes(of_arm, self._solids, shape, GOOD, all_in=GOOD)]
 
         self._scene.draw(PLAN, make)
         if shape is None:

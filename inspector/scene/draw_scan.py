@@ -9,7 +9,6 @@ import viser
 
 from calib.array_types import Array, ByteArray
 from calib.corners.search import CornerSearch
-from calib.rendering import numbers
 from calib.scans.scan import Scan
 from calib.targets.search import ScanSearch
 from calib.workcell.scan_field import ScanField, declared_field, evident_field
@@ -63,9 +62,6 @@ def draw_corner(scene: SceneView, view: View) -> None:
     search = view.search
     corner = None if search is None else search.corner
     places = search.places if isinstance(search, ScanSearch) else ()  # of other targets
-    text = view.pose_id
-    if covariance is not None:
-        text += f": σ {numbers.length(float(np.sqrt(np.trace(covariance))))}, ellipsoid: 1σ × {view.factor:g}"
 
     def make(pen: Pen) -> Nodes:
         nodes: list[viser.SceneNodeHandle] = []
@@ -78,7 +74,6 @@ def draw_corner(scene: SceneView, view: View) -> None:
         if covariance is not None:
             colours = np.array([rgb(HIGHLIGHT)], dtype=np.uint8)
             nodes.append(_ellipsoids(pen, "ellipsoid", xyz[None], covariance[None], view.factor, colours))
-        nodes.append(pen.label("label", text, xyz, "bottom-left"))
         balls = ((place.xyz_mm, place.radius_mm or DOT_MM / 2) for place in places)
         return [*nodes, *(pen.ball(f"target{k}", *ball, opacity=0.25) for k, ball in enumerate(balls))]
 

@@ -33,10 +33,7 @@ NEAR_MM = 400.0  # the least field: sockets of a plate are a hand's breadth apar
 ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
 TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
 TOUCH = 3.0  # of what is drawn: how much wider is what takes its clicks, which is not seen
-CUT_LABELS = 3  # arrows that are cut and carry a label with their length
-APART_SHARE = 0.1  # of the field: labels nearer to one another would lie on one another
-_MOVING = (viser.ArrowsHandle, viser.PointCloudHandle, viser.LabelHandle)
-ABOVE_MM = 20.0  # height of the legend over the points
+_MOVING = (viser.ArrowsHandle, viser.PointCloudHandle)
 
 
 # ---- lengths --------------------------------------------------------------------------------------------------------
@@ -73,19 +70,11 @@ def drawn_as(error_mm: Array, view: View, field: float) -> tuple[Array, BoolArra
     return np.where(cut[:, None], arrows * (most / np.maximum(lengths, 1e-12))[:, None], arrows), cut
 
 
-def difference_words(factor: float, longest_mm: float, cut: int = 0) -> str:
-    """Legend of the arrows of what a change moved."""
-    return f"moved by the change × {factor:g}, longest {numbers.length(longest_mm)}" + (f"; {cut} cut" if cut else "")
-
-
-def residual_words(factor: float, longest_mm: Mapping[str, float], cut: int = 0) -> str:
-    """Legend of the arrows: their enlargement, the longest error of each version, the number of shortened arrows."""
-    lengths = [numbers.length(mm) for mm in longest_mm.values()]
-    shorter = f"; {cut} cut" if cut else ""
-    if len(lengths) == 1:
-        return f"residuals × {factor:g}, longest {lengths[0]}{shorter}"
-    named = "; ".join(f"{name} {length}" for name, length in zip(longest_mm, lengths, strict=True))
-    return f"residuals × {factor:g}, longest: {named}{shorter}"
+def longest_words(longest_mm: Mapping[str, float], cut: int = 0) -> str:
+    """Words on the arrows for the legend: the longest error of each version, and the number of shortened arrows."""
+    several = len(longest_mm) > 1
+    named = "; ".join(f"{f'{name} ' if several else ''}{numbers.length(mm)}" for name, mm in longest_mm.items())
+    return f"longest {named}" + (f"; {cut} cut" if cut else "")
 
 
 # ---- arrows ---------------------------------------------------------------------------------------------------------
@@ -159,9 +148,9 @@ class ResidualArrows:
         self._scene, self._on_click = scene, on_click
         self._last: _Arrows | None = None  # those of the only version on show
         self._before: _Arrows | None = None  # those of the version before it
-        self._nodes: tuple[viser.SceneNodeHandle, ...] = ()  # arrows, points and label that follow `between`
+        self._nodes: tuple[viser.SceneNodeHandle, ...] = ()  # arrows and points that follow `between`
         self._limit_mm = 1.0  # end of the colour scale
-        self._factor = 1.0
+        self.words = ""  # how long they are, for the legend
 
     def draw(self, view: View) -> None:
         """Draw the compared versions, or what a change moved."""
@@ -175,11 +164,11 @@ class ResidualArrows:
         if view.version is not None and view.version_before is not None and set(drawn) == {view.version.name}:
             before, now = _arrows_of(view.version_before, view), drawn[view.version.name]
             self._before = replace(before, chosen=now.chosen) if len(before.pose) == len(now.pose) else before
-        self._limit_mm, self._factor = error_limit_mm(view), view.arrows
+        self._limit_mm = error_limit_mm(view)
         self._draw(view, drawn)
 
     def between(self, share: float) -> None:
-        """Draw arrows, colours and label interpolated from the version before (share 0) to that on show (share 1)."""
+        """Draw arrows, colours and words interpolated from the version before (share 0) to that on show (share 1)."""
         now, before = self._last, self._before
         if now is None or before is None or now.tip_mm.shape != before.tip_mm.shape:
             return
@@ -191,8 +180,7 @@ class ResidualArrows:
             elif isinstance(node, viser.PointCloudHandle):
                 node.points = to_scene(tips)
                 node.colors = coloured(length_mm, 0.0, self._limit_mm, ERROR)
-            elif isinstance(node, viser.LabelHandle):
-                node.text = residual_words(self._factor, {"": float(length_mm.max(initial=0.0))})
+        self.words = longest_words({"": float(length_mm.max(initial=0.0))})
 
     def _draw(self, view: View, drawn: Mapping[str, _Arrows]) -> None:
         start = np.concatenate([a.start_mm for a in drawn.values()]) if drawn else np.zeros((0, 3))
@@ -200,15 +188,14 @@ class ResidualArrows:
             self._scene.clear("residuals", "predicted", "before")
             return
         longest = {name: float(np.linalg.norm(a.error_mm, axis=1).max(initial=0.0)) for name, a in drawn.items()}
-        text = residual_words(view.arrows, longest, sum(int(a.cut.sum()) for a in drawn.values()))
+        self.words = longest_words(longest, sum(int(a.cut.sum()) for a in drawn.values()))
         made: list[viser.SceneNodeHandle] = []
 
         def kept(nodes: Nodes) -> Nodes:
-            firsts = {type(node): node for node in reversed(nodes)}  # the legend, before the lengths of cut arrows
-            made.extend(node for kind, node in firsts.items() if kind in _MOVING)
+            made.extend(node for node in nodes if isinstance(node, _MOVING))
             return nodes
 
-        self._scene.draw("residuals", lambda pen: kept(self._residuals(pen, drawn, MODEL_COLOURS, start, text)))
+        self._scene.draw("residuals", lambda pen: kept(self._residuals(pen, drawn, MODEL_COLOURS, start)))
         self._scene.draw("predicted", lambda pen: kept(self._predicted(pen, drawn, start)))
         before = self._before
         self._scene.draw("before", lambda pen: [] if before is None else [_thin_lines(pen, before, MODEL_BEFORE)])
@@ -217,16 +204,14 @@ class ResidualArrows:
 
     def _draw_differences(self, view: View, moved: _Arrows, explained: _Arrows) -> None:
         longest_mm = float(np.linalg.norm(moved.error_mm, axis=1).max(initial=0.0))
-        text = difference_words(view.arrows, longest_mm, int(moved.cut.sum()))
+        self.words = longest_words({DIFFERENCE: longest_mm}, int(moved.cut.sum()))
         drawn, colours = {DIFFERENCE: moved}, {DIFFERENCE: CHANGED}
-        self._scene.draw("residuals", lambda pen: self._residuals(pen, drawn, colours, moved.start_mm, text))
+        self._scene.draw("residuals", lambda pen: self._residuals(pen, drawn, colours, moved.start_mm))
         self._scene.clear("predicted")
         self._scene.draw("before", lambda pen: [_thin_lines(pen, explained, MODEL_COLOURS[EFFECTS])])
 
-    def _residuals(
-        self, pen: Pen, drawn: Mapping[str, _Arrows], by_name: Mapping[str, str], start_mm: Array, text: str
-    ) -> Nodes:
-        """Nodes of arrows from measured to predicted points, clickable, with a legend and the lengths of cut ones."""
+    def _residuals(self, pen: Pen, drawn: Mapping[str, _Arrows], by_name: Mapping[str, str], start_mm: Array) -> Nodes:
+        """Nodes of arrows from measured to predicted points, clickable."""
         arrows_mm, colours, pose = _joined(drawn, by_name)
         if not len(arrows_mm):
             return []
@@ -244,8 +229,6 @@ class ResidualArrows:
                 "touch", unit_cylinder(), facing(along / length[:, None]), arrows_mm.mean(axis=1),
                 np.stack([width, width, length], axis=1), lambda k: self._on_click(int(pose[k])),
             ),
-            pen.label("label", text, _above(start_mm)),
-            *(pen.label(f"length{k}", told, tip, size=0.75) for k, (tip, told) in enumerate(_lengths_of_cut(drawn))),
         ]  # fmt: skip
 
     def _predicted(self, pen: Pen, drawn: Mapping[str, _Arrows], start_mm: Array) -> Nodes:
@@ -272,11 +255,6 @@ class ResidualArrows:
         return coloured(np.linalg.norm(arrows.error_mm, axis=1), 0.0, self._limit_mm, ERROR)
 
 
-def _above(points_mm: Array) -> Array:
-    """Place (3,) of the legend over points (K, 3)."""
-    return np.array([points_mm[:, 0].mean(), points_mm[:, 1].min() - ABOVE_MM, points_mm[:, 2].mean()])
-
-
 def _thin_lines(pen: Pen, arrows: _Arrows, colour: str) -> viser.SceneNodeHandle:
     """Node of thin lines along arrows that are drawn."""
     lines_mm = np.stack([arrows.start_mm, arrows.tip_mm], axis=1)[arrows.chosen]
@@ -291,18 +269,3 @@ def _joined(drawn: Mapping[str, _Arrows], by_name: Mapping[str, str]) -> tuple[A
         colours.append(np.tile(np.array(rgb(by_name[name]), dtype=np.uint8), (int(each.chosen.sum()), 1)))
         poses.append(each.pose[each.chosen])
     return np.concatenate(arrows), np.concatenate(colours), np.concatenate(poses)
-
-
-def _lengths_of_cut(drawn: Mapping[str, _Arrows]) -> list[tuple[Array, str]]:
-    """End points (3,) of the longest shortened arrows, with the true lengths of their errors, none beside another."""
-    all_cut = [
-        (float(np.linalg.norm(a.error_mm[i])), a.tip_mm[i])
-        for a in drawn.values()
-        for i in np.flatnonzero(a.cut & a.chosen)
-    ]
-    apart_mm = APART_SHARE * field_mm(np.concatenate([a.start_mm for a in drawn.values()]))
-    labels: list[tuple[Array, str]] = []
-    for mm, tip in sorted(all_cut, key=lambda each: -each[0]):
-        if len(labels) < CUT_LABELS and all(np.linalg.norm(tip - other) > apart_mm for other, _ in labels):
-            labels.append((tip, f"{numbers.length(mm)}, cut"))
-    return labels

@@ -18,6 +18,7 @@ class TaskStatus:
     finding: bool = False  # the whole diagnosis
     words: str = ""  # what is being done, as the page says it
     problem: str = ""  # why there is no fit
+    leads: bool = False  # whether the page opens the tab of each next step up to the verdict
 
 
 IDLE = TaskStatus()
@@ -34,7 +35,7 @@ class Progress:
     def of(cls, session: Session, doing: TaskStatus = IDLE) -> Progress:
         """The progress of a session, counted for the model on show."""
         done = []
-        if not session.needed:
+        if session.is_measured:
             done.append(MEASURE)
         if session.calibration is not None:
             done.append(FIT)

@@ -144,7 +144,8 @@ def _selections(
 
 def _differences(saved: Saved, history: Sequence[StepErrors]) -> list[str]:
     """One line for each figure of the repeated fits that differs from the saved one."""
-    before, now = [s.label for s in saved.history], [s.label for s in history]
+    # The first two are the arm as delivered and its first fit, whatever an older file calls them.
+    before, now = [s.label for s in saved.history[2:]], [s.label for s in history[2:]]
     if before != now:
         return [f"The steps are now {', '.join(now)}; saved were {', '.join(before)}."]
     for old, new in zip(saved.history, history, strict=True):

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.calibration.model_versions import LINKS, Version
+from calib.calibration.model_versions import LINKS, NOMINAL, Version
 from calib.calibration.pose_errors import PoseErrors
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
@@ -37,7 +37,7 @@ LEFT_OUT, TAKEN_IN = "− pose ", "+ pose "  # labels of steps, before the pose'
 class StepErrors:
     """Errors of one model of the session's history."""
 
-    label: str  # what was changed: "nominal", "link errors", "+ backlash"
+    label: str  # what was changed: "as delivered", "calibrated links", "+ backlash"
     train_rmse_mm: float  # 3D
     test_rmse_mm: float  # 3D; nan without test poses
     sigma_mm: float  # of a residual's coordinate; nan without a degree of freedom left, and for the nominal robot
@@ -160,6 +160,12 @@ class Session:
         return self.waiting if self.dataset.points is None else ()
 
     @property
+    def is_measured(self) -> bool:
+        """Whether all scans that are needed are searched, and a point is known at any pose."""
+        found = self.dataset.points is not None or any(not search.failure for search in self.searches.values())
+        return found and not self.needed
+
+    @property
     def scans(self) -> int:
         """Number of poses that have a scan."""
         return 0 if self.dataset.scan_folder is None else len(self.dataset.poses)
@@ -175,7 +181,7 @@ def asked_out(step: FitStep) -> tuple[str, ...]:
 
 def _nominal(last: Calibration) -> StepErrors:
     # Of the last fit, as in the headline: the tool point that is found counts as delivered, and each fit refines it.
-    return StepErrors("nominal", last.before.train_rmse_mm, last.before.test_rmse_mm, float("nan"))
+    return StepErrors(NOMINAL, last.before.train_rmse_mm, last.before.test_rmse_mm, float("nan"))
 
 
 def _errors_after(step: FitStep) -> StepErrors:

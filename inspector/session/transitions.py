@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.calibration.model_versions import versions
+from calib.calibration.model_versions import LINKS, versions
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.repeats import in_repeat_groups_of, without_poses
 from calib.diagnosis.advice import advice_on
 from calib.diagnosis.diagnose import SearchState, next_move, whole_diagnosis
-from calib.diagnosis.effect_selection import GEOMETRY, FitStep, SelectedEffect, calibrate_with, candidate_of, recalled
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, candidate_of, recalled
 from calib.diagnosis.moves import (
     AddCurves,
     AddEffect,
@@ -54,7 +54,7 @@ def with_calibration(session: Session, residual: str | None = None) -> Session:
     asked = FitOptions() if session.calibration is None else session.calibration.options
     asked = asked if session.effects else replace(asked, noise=None)  # what is left in the end tells it
     keeps = bool(session.steps) and bool(session.effects or session.left_out)
-    before, label = (session.steps[:-1], session.steps[-1].label) if keeps else ((), GEOMETRY)
+    before, label = (session.steps[:-1], session.steps[-1].label) if keeps else ((), LINKS)
     stand_out = session.steps[-1].left_out if keeps else ()
     measured = session.measured_for(residual)
     measured = without_poses(measured, stand_out) if stand_out else measured
@@ -196,7 +196,7 @@ def without_effect(session: Session, name: str) -> Session:
     """Session with an effect removed from the model, and the rest fitted again."""
     kept = tuple(added for added in session.effects if added.name != name)
     if len(kept) == len(session.effects):
-        inside = ", ".join(added.name for added in session.effects) or "only the link errors"
+        inside = ", ".join(added.name for added in session.effects) or f"only {LINKS}"
         raise CalibError(f"effect {name} is not in the model; there is {inside}")
     move = _advised(session, name)
     if isinstance(move, DropEffect):

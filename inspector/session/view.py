@@ -21,7 +21,7 @@ VIEWS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Ar
 VIEW_LAYERS = {
     "All scans": {"overview", "scan", "faces", "corner", "corners", "scale"},
     "Scan": {"scan", "faces", "corner", "scale"},
-    "Planes": {"faces", "sets", "rejected", "groups", "scale"},
+    "Planes": {"faces", "sets", "rejected", "groups", "corner", "scale"},
     "Corner": {"faces", "corner", "scale"},
     "All corners": {"corner", "corners", "before", "residuals", "predicted", "scanner", "floor", "scale"},
     "Distance": {"distance", "jig", "scale"},

@@ -119,6 +119,8 @@ def test_it_predicts_and_corrects_the_same(fitted: Calibration, dataset: Dataset
         loaded.correct(some.q, replace(some, temperature_c=None))
     with pytest.raises(FitError, match="shape"):
         loaded.predict(poses.q[:, :3], poses)
+    with pytest.raises(FitError, match="degrees"):
+        loaded.predict(np.degrees(poses.q), poses)
     with pytest.raises(FitError, match="no target named 'smr2'"):
         loaded.predict(poses.q, poses, "smr2")
 

@@ -60,9 +60,10 @@ def test_the_page_ticks_what_convinces_and_leaves_out_what_does_not_show(screeni
     first, *folded = ranking_to_choose_from(screening, chosen=(best,), own=(best,))
     assert isinstance(first, Table)
     name, bar = first.rows[0][:2]
-    assert plain(name) == f"✓\N{NO-BREAK SPACE}{title(best)} (own) {best}"  # type: ignore[arg-type]
+    assert plain(name) == f"{title(best)} (own) {best}"  # type: ignore[arg-type]
     assert isinstance(bar, Bar)
     assert bar.share == 1.0
+    assert bar.words.startswith("strong ")
     assert first.mark == 0
     assert {row.value for row in first.rows_select if row} == {
         c.name for c in screening.candidates if c.members and c.log_evidence >= FOLDED_BELOW

@@ -9,6 +9,7 @@ from dataclasses import is_dataclass, replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import calib
@@ -139,6 +140,17 @@ def test_the_dict_and_the_frame_of_corners_agree_and_both_are_pickled(corners: C
     again = pickle.loads(pickle.dumps(corners))
     assert isinstance(again, CornerBatch)
     assert list(again) == list(corners)
+
+
+def test_poses_come_as_the_table_that_is_written(dataset: Dataset, plan: Plan) -> None:
+    for frame, poses in ((dataset.to_frame(), dataset.poses), (plan.to_frame(), plan.poses)):
+        assert tuple(frame["pose"]) == poses.ids
+        np.testing.assert_allclose(np.radians(frame["q2_deg"]), poses.q[:, 1])
+
+
+def test_a_diagnosis_is_shown_without_learning_anything(found: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("calib.diagnosis.effect_selection.learn_joint_curves")
+    assert "transmission error" in found._repr_html_()
 
 
 @pytest.mark.thorough

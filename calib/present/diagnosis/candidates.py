@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import is_convincing
+from calib.diagnosis.decision_rules import MAX_P_VALUE, MIN_LOG_EVIDENCE, is_convincing
 from calib.diagnosis.probabilities import CauseProbabilities
 from calib.effects.effect import Description, Effect, describe, family_name, full_name, has_meaning, parameters_by_name
 from calib.present.effects import meaning, not_testable, title
@@ -44,7 +44,6 @@ _MOST_ALIKE = 3  # effects that could make the same, named in a cell or a fact
 _ALIKE = "could also be made by"
 _COLUMNS: Mapping[str, Callable[[Candidate, Screening], Words]] = MappingProxyType(
     {
-        "log evidence": lambda c, _: numbers.signed(c.log_evidence, ".1f"),
         "evidence": lambda c, s: _evidence_bar(c, s),
         "p (Holm)": lambda c, _: numbers.probability(c.p_holm),
         "explains, %": lambda c, _: f"{100 * c.explained_share:.0f}",
@@ -54,7 +53,7 @@ _COLUMNS: Mapping[str, Callable[[Candidate, Screening], Words]] = MappingProxyTy
     }
 )
 PROBABILITY = "likely"
-BRIEF_RANKING = ("log evidence", "p (Holm)", "explains, %")
+BRIEF_RANKING = ("evidence", "p (Holm)", "explains, %")
 FULL_RANKING = (*BRIEF_RANKING, "held-out error, mm", _ALIKE)
 PANEL_RANKING = ("evidence", "held-out error")  # as narrow as a panel
 
@@ -88,7 +87,7 @@ def ranking_to_choose_from(
     own: Collection[str] = (),
     likely: CauseProbabilities | None = None,
 ) -> list[Block]:
-    """Ranking whose rows choose an effect: names with their keys, evidence as bars, convincing effects ticked.
+    """Ranking whose rows choose an effect: names with their keys, evidence in words and as bars.
 
     Candidates with a log evidence below FOLDED_BELOW are folded, and so are those that the search passes over.
 
@@ -113,7 +112,7 @@ def ranking_to_choose_from(
     return [
         *(tables(first) or [Paragraph("No effect has evidence that counts.")]),
         Folded(f"{many} of single places: learned curves explain clearly more", tables(over)),
-        Folded(f"{few} with a log evidence below {FOLDED_BELOW:g}", tables(rest)),
+        Folded(f"{few} without evidence", tables(rest)),
     ]
 
 
@@ -140,16 +139,23 @@ def _ranking(
 
 
 def _named(candidate: Candidate, own: Collection[str]) -> Words:
-    """Name cell of a candidate effect: a tick if convincing, the name in words, and the key."""
+    """Name cell of a candidate effect: the name in words, and the key."""
     named = title(candidate.name)
-    tick = f"✓{_NO_BREAK}" if is_convincing(candidate) else ""
     mine = " (own)" if candidate.name in own else ""
-    return joined([f"{tick}{named}{mine}", *([] if named == candidate.name else [Small(candidate.name)])], " ")
+    return joined([f"{named}{mine}", *([] if named == candidate.name else [Small(candidate.name)])], " ")
 
 
 def _evidence_bar(candidate: Candidate, screening: Screening) -> Words:
     largest = max(3.0 * FOLDED_BELOW, *(c.log_evidence for c in screening.candidates))
-    return Bar(numbers.signed(candidate.log_evidence, ".1f"), min(max(candidate.log_evidence / largest, 0.0), 1.0))
+    words = f"{_strength(candidate)} {numbers.signed(candidate.log_evidence, '.1f')}"
+    return Bar(words, min(max(candidate.log_evidence / largest, 0.0), 1.0))
+
+
+def _strength(candidate: Candidate) -> str:
+    """The evidence of a candidate effect in a word."""
+    if is_convincing(candidate):
+        return "strong"
+    return "weak" if candidate.log_evidence >= FOLDED_BELOW else "none"
 
 
 def explained_at(screening: Screening, poses: Collection[str]) -> list[Block]:
@@ -170,11 +176,12 @@ def held_out_sentence(screening: Screening) -> str:
     return f"Held-out error: per coordinate, when each pose is predicted from the others; it is {without}."
 
 
-def ticks_sentence() -> str:
-    """Sentence on the meaning of the ticks in a ranking."""
+def evidence_sentence() -> str:
+    """Sentence on the words for evidence in a ranking."""
     return (
-        "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of effects). A "
-        "log Bayes factor below 3 over the next leaves it open."
+        f"Evidence is strong where the log evidence, the number beside it, is above {MIN_LOG_EVIDENCE:g} and p below "
+        f"{MAX_P_VALUE:g} (Holm-corrected for the number of effects), none below {FOLDED_BELOW:g}, weak between. "
+        "Effects that could make the same all have it; their log Bayes factor decides between them."
     )
 
 

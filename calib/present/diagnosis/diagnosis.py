@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +16,7 @@ from calib.calibration.result import Calibration
 from calib.calibration.table_doubts import doubtful_entries
 from calib.consistency.leading_entry import leading_entry
 from calib.diagnosis.causes import FittedValue, fitted_values, visible_mm
-from calib.diagnosis.decision_rules import left_to_curves
+from calib.diagnosis.decision_rules import left_to_curves, may_be_curves
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.headline import headline_of
 from calib.diagnosis.result import Diagnosis
@@ -97,6 +98,7 @@ _SIGN = re.compile(r" ([+-])(?=[^ =])")  # of a formula's term
 RANKED, BRIEFLY_RANKED = 12, 5  # candidates that are listed
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are listed; the others are counted
 _SHOWN_POSES = 3
+_SAME = 0.1  # by which two sigmas of one residual may differ and be told as one
 _STANDING = {"claimed": "Missing: ", "suspected": "Suspected: ", "open": "Missing, this effect or one like it: "}
 _REFUSALS = {
     "nature": "{}: it was not added. Something else makes what it would explain.",
@@ -226,7 +228,7 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
             words.append(statement(poses.change))
     if diagnosis.refused is not None:
         words.append(refusal(diagnosis.refused))
-    words.append(residual_tests(diagnosis.residual_tests))
+    words.append(residual_tests(diagnosis.residual_tests, diagnosis.calibration.sigma_mm))
     if diagnosis.noise is not None:
         words.append(noise_sentences(diagnosis))
     if diagnosis.learned is not None:
@@ -300,7 +302,14 @@ def _lead(before: FitStep, after: FitStep, standing: str) -> Words:
             found = f", which would explain something else, is {factor:.0f}"
         lead = spans("; its log Bayes factor over the next, ", effect(after.runner_up), found)
     screening, candidate = before.screening, after.candidate
-    above = () if screening is None or candidate is None else left_to_curves(screening, before.curves, candidate)
+    # As the search does it: curves are dear to learn, and are learned only where they could say more.
+    if (
+        screening is None
+        or candidate is None
+        or not may_be_curves(screening.candidates[0], before.calibration, screening)
+    ):
+        return lead
+    above = left_to_curves(screening, before.curves, candidate)
     if not above:
         return lead
     rank = "rank" if len(above) > 1 else "ranks"
@@ -391,10 +400,12 @@ def refusal(refused: Refusal) -> Words:
     return spans(capitalised(with_key(refused.effect)), f" explains the training poses well, but {against}")
 
 
-def residual_tests(tests: ResidualTests) -> Words:
-    """Text on the residual of a fit: its size, the noise, and the results of its tests."""
+def residual_tests(tests: ResidualTests, sigma_mm: float) -> Words:
+    """Text on the residual of a fit of which `sigma_mm` is told: its size, the noise, and the results of its tests."""
+    # The tests count the degrees of freedom in their own way: what is the same to a tenth is told as one number.
+    is_told = math.isclose(sigma_mm, tests.residual_mm, rel_tol=_SAME)
     words: list[Words] = [
-        f"The residual is {numbers.length(tests.residual_mm)} per coordinate; the noise is "
+        f"The residual is {numbers.length(sigma_mm if is_told else tests.residual_mm)} per coordinate; the noise is "
         f"{numbers.length(tests.noise_mm)}, {_NOISE_SOURCES[tests.noise_from]}."
     ]
     if tests.masses_evidence > REPORTED_EVIDENCE:

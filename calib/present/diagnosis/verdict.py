@@ -22,7 +22,6 @@ from calib.present.fit.learned import law_phrase
 from calib.present.names import input_name
 from calib.rendering import numbers
 from calib.rendering.blocks import Words, capitalised, effect, effects, joined, joint, listed, pose, spans
-from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.law_readings import law_readings
 from calib.screening.curves.law_search import FoundLaws
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -348,15 +347,13 @@ def move(made: Move) -> Words:
     match made:
         case AddEffect():
             factor = made.log_bayes_factor
-            leads = "" if factor is None else f", its log Bayes factor over the next {factor:.0f}"
-            evidence = f"{made.candidate.log_evidence:.0f}"
-            explains: Words = (
-                f" explains it best: its log evidence is {evidence} ({MIN_LOG_BAYES_FACTOR:g} would do){leads}. Add it"
-            )
+            leads = "" if factor is None else f", log Bayes factor over the next {factor:.0f}"
+            evidence = f"log evidence {made.candidate.log_evidence:.0f}{leads}"
+            explains: Words = f" explains it best, by strong evidence ({evidence}). Add it"
             if made.instead_of:
                 explains = spans(
                     " explains more than ", with_key(made.instead_of),
-                    f" given all other effects (log evidence {evidence}{leads}). It takes that effect's place",
+                    f" given all other effects ({evidence}). It takes that effect's place",
                 )  # fmt: skip
             cause_if = "; it is the cause if noise alone is left in the end."
             return spans(capitalised(with_key(made.name)), explains, cause_if)

@@ -13,6 +13,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.calibration.calibrate import HEAVY_FROM_MM
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.model_versions import model_name
 from calib.calibration.mount import CameraPlace, Mount, camera_places, mounts
 from calib.calibration.promise import promise
 from calib.calibration.result import Calibration
@@ -31,7 +32,6 @@ from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
 from calib.plugins import CalibrationPart, contributions, load
 from calib.present import names
-from calib.present.effects import model_name
 from calib.present.fit.corners import face_labelling
 from calib.present.fit.errors import (
     COVERAGE,
@@ -106,7 +106,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     """Facts on the fit: parameters, equations, convergence, and the residual noise."""
     fit = calibration.fit
     facts: list[tuple[str, object]] = [
-        ("model", model_name(calibration)),
+        ("model", model_name(calibration.model)),
         ("residual", f"{calibration.residual}, {numbers.count(fit.rows, 'equation')}"),
         ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be known (rank)"),
         ("fit", f"{_ended(calibration)}: {fit.reason}"),

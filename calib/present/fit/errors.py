@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from calib.calibration.evaluation import Evaluation, Figures
-from calib.calibration.model_versions import Version
+from calib.calibration.model_versions import NOMINAL, Version
 from calib.calibration.noise_level import FIT, NoiseLevel, SigmaCheck, noise_level
 from calib.calibration.promise import PointPromise
 from calib.calibration.result import Calibration
@@ -295,7 +295,7 @@ def step_table(steps: Sequence[FitStep], *, as_delivered: bool = False) -> Table
     as_delivered: whether a row with the errors before any fit comes first.
     """
     before = steps[-1].calibration.before
-    rows: list[tuple[str, RoleRmse, float, float | None]] = [("as delivered", before, math.nan, None)]
+    rows: list[tuple[str, RoleRmse, float, float | None]] = [(NOMINAL, before, math.nan, None)]
     rows = rows if as_delivered else []
     rows += [(s.label, s.calibration.after, s.calibration.sigma_mm, s.log_bayes_factor) for s in steps]
     return Table(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.calibration.model_versions import model_name
 from calib.calibration.noise_level import NoiseLevel
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
@@ -15,7 +16,6 @@ from calib.dataset.input_names import joint_input
 from calib.diagnosis.result import Diagnosis
 from calib.kinematics.robot import Robot
 from calib.present import names
-from calib.present.effects import model_name
 from calib.present.names import input_title
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, FigurePlace, Paragraph, Table, joint, pose
@@ -122,7 +122,7 @@ def residual_blocks(residuals: Sequence[ModelResidual]) -> list[Block]:
 
 
 def _residual_blocks(residual: ModelResidual) -> list[Block]:
-    model, robot = model_name(residual.calibration), residual.calibration.dataset.robot
+    model, robot = model_name(residual.calibration.model), residual.calibration.dataset.robot
     inputs = [test for test in residual.residual_tests.inputs if test.input in residual.pose_errors.inputs]
     if not inputs:
         return [Paragraph(f"{model}: no input varies that the residual could follow.")]
@@ -155,5 +155,5 @@ def _residual_over(residual: ModelResidual, test: InputTest) -> FigurePlace:
     return FigurePlace(
         "residuals_over",
         (residual.calibration, test.input, part),
-        f"Model: {model_name(residual.calibration)}. {dependence}. {band_note(residual.pose_errors, band)}",
+        f"Model: {model_name(residual.calibration.model)}. {dependence}. {band_note(residual.pose_errors, band)}",
     )

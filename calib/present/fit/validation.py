@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.model_versions import model_name
 from calib.dataset.dataset import Dataset
 from calib.models.fitted_model import FittedModel
 from calib.present.fit.errors import coverage_sentence, error_table, promise_document, sigma_sentence
@@ -51,7 +52,7 @@ def cross_validation_verdict(folds: CrossValidation) -> Verdict:
     words, colour = "Poses left out come out as well as noise allows: the fit does not bend to its own poses", GOOD
     if not folds.held_out.rmse_mm < folds.before.test_rmse_mm:
         colour = BAD
-        words = "The calibration does not help: poses it did not see are no better than with the nominal robot."
+        words = "The calibration does not help: poses it did not see are no better than as delivered."
     elif not all(fold.converged for fold in folds.folds):
         words, colour = "Not every fold's fit converged: do not trust these figures.", BAD
     elif folds.ratio > SUSPICIOUS * folds.expected_ratio:
@@ -149,10 +150,9 @@ def _fitted_model(fitted: FittedModel) -> Presentation:
 
 def model_blocks(fitted: FittedModel) -> list[Block]:
     """Blocks on a saved model, with the errors of its fit."""
-    what = " + ".join(["link errors", *fitted.model.family_names])
     without = f" without {', '.join(fitted.source.left_out)}" if fitted.source.left_out else ""
     return [
-        Paragraph(f"{numbers.capitalised(what)}, fitted to {fitted.source.dataset}{without}."),
+        Paragraph(f"{numbers.capitalised(model_name(fitted.model))}, fitted to {fitted.source.dataset}{without}."),
         error_table(fitted.before, fitted.after),
     ]
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.model_versions import LINKS, NOMINAL
 from calib.present import names
 from calib.present.results import document, own_fields, presentation
 from calib.rendering import numbers
@@ -101,7 +102,7 @@ def errors(compared: Comparison) -> Table:
         for role in ("train", "test")
         if _rmse_mm(stages[1], role) is not None
     ]
-    return Table(("3D RMSE, mm", "nominal", "fitted"), rows)
+    return Table(("3D RMSE, mm", NOMINAL, LINKS), rows)
 
 
 def _rmse_mm(evaluation: Evaluation, role: str) -> float | None:

@@ -274,7 +274,7 @@ def assumptions(plan: Plan) -> list[str]:
     start, lines = plan.start, []
     if plan.fewest_for_fit is not None:
         lines.append(
-            f"{numbers.count(len(plan.poses), 'pose is', 'poses are')} too few for a fit of the link errors, which "
+            f"{numbers.count(len(plan.poses), 'pose is', 'poses are')} too few for a fit of the links, which "
             f"takes {plan.fewest_for_fit} and better three times as many"
         )
     if plan.blocked:
@@ -306,7 +306,7 @@ def _of_fit(start: FromFit) -> list[str]:
     if start.diagnosed is not None:
         added = numbers.listing(start.calibration.model.family_names) or "nothing that holds"
         lines.append(
-            f"the link errors alone leave {numbers.times(start.diagnosed.noise_ratio)} the declared noise; the model "
+            f"calibrated links alone leave {numbers.times(start.diagnosed.noise_ratio)} the declared noise; the model "
             f"is that of the diagnosis, which added {added}"
         )
         if start.diagnosed.confounded:

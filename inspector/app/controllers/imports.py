@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import viser
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.import_dataset import copy_dataset, write_plan
-from calib.dataset_import.plan import ImportPlan, ImportSources
+from calib.dataset_import.plan import ImportPlan, ImportSources, PlannedColumn
 from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm, typed_size
 from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError
@@ -211,7 +211,6 @@ class Imports:
             files, at.plan, faults, at.ready, at.session_words, (CHOOSE, *named), chosen,
             at.tips, choice.reading.tip or (at.tips or ("–",))[0], suffix == ".csv", suffix == ".conf",
             "–" if joints is None else joints.name, SAME if points is None else points.name, name,
-            self._folder.resolve() / name,
         )  # fmt: skip
 
     def _free_name(self, wanted: str) -> str:
@@ -257,12 +256,10 @@ class Imports:
         at = self._open.get(client)
         if at is None or at.plan is None or at.plan.robot is None:
             return
-        meant = all_meanings(at.plan.robot.robot.n_joints).get(words)
-        if meant is None:
+        meanings = all_meanings(at.plan.robot.robot.n_joints)
+        if words not in meanings:
             return
-        # Whoever corrects one column has seen the others: what was guessed of them is no longer guessed anew.
-        known = {c.name: c.meaning for c in at.plan.columns if c.meaning is not None and c.meaning.unit}
-        mapping: dict[str, Meaning] = {**known, **at.choice.mapping, column: meant}
+        mapping = corrected_mapping(at.plan.columns, at.choice.mapping, column, meanings[words])
         at.choice = replace(at.choice, mapping=mapping)
         yield from self._plan(at)
 
@@ -294,6 +291,25 @@ class Imports:
         if at is not None:
             at.window.close()
             self.uploads.release(client)
+
+
+def corrected_mapping(
+    columns: Sequence[PlannedColumn], told: Mapping[str, Meaning], column: str, meant: Meaning | None
+) -> dict[str, Meaning]:
+    """Meanings by column where a user has chosen one: all others stay as they were shown.
+
+    What has the chosen meaning in a table of that column gives it up. None: the column is taken as its name says.
+    """
+    tables = {each.table for each in columns if each.name == column}
+    rivals = {
+        each.name
+        for each in columns
+        if meant is not None and each.meaning is not None
+        if each.table in tables and each.meaning.name == meant.name
+    }
+    shown = {each.name: each.meaning for each in columns if each.meaning is not None}
+    mapping = {name: meaning for name, meaning in (shown | told).items() if name not in (column, *rivals)}
+    return mapping if meant is None else {**mapping, column: meant}
 
 
 def _session_among(folder: Path, ready: Dataset | None) -> tuple[Saved | None, str]:

@@ -13,7 +13,7 @@ from inspector.server.worker import LongWork
 from inspector.session.side_by_side import Beside, beside_of_folder, beside_of_session, beside_of_version
 
 NOT_YET = "Nothing to compare yet: the model is fitted when the search has ended."
-CHOOSE = "Choose what to see beside this calibration."
+CHOOSE = "Choose what to see beside this calibration: another dataset of the folder, or a version of this model."
 
 
 class SideBySideController:

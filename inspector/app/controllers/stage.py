@@ -134,7 +134,13 @@ class SceneController:
         """Show the meaning of the colours in the 3D view."""
         view = self._state.view
         if view is not None:
-            self._panels.review.show_legend(legend_html(view, self._camera.visible, self.distances_mm))
+            visible, arrows = self._camera.visible, self.residuals.words
+            self._panels.review.show_legend(legend_html(view, visible, self.distances_mm, arrows))
+
+    def between(self, share: float) -> None:
+        """Draw residuals between those of the version before (share 0) and those on show (share 1)."""
+        self.residuals.between(share)
+        self.show_legend()
 
     # ---- how it is drawn --------------------------------------------------------------------------------------------
 

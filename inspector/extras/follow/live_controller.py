@@ -49,7 +49,7 @@ class LiveController(TabController):
         """Show the campaign of the dataset that was just opened."""
         campaign = self.campaign
         if campaign is None:
-            self._panel.clear()
+            self._panel.clear(self._state.name)
         else:
             self._panel.update(campaign)
 

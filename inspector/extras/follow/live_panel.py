@@ -17,6 +17,7 @@ NOTE = (
     "is predicted, and the next pose is named."
 )
 FOLLOW = "Follow this folder"
+FOLDER = "The folder of {}: what arrives in its points.csv or scans is judged."
 SHOW = "Show what has arrived"
 WAITING = "Nothing has arrived yet."
 
@@ -36,9 +37,9 @@ class LivePanel:
         on_page(self.on, lambda _: self.on_switched(bool(self.on.value)))
         self._show.on_click(lambda _: actions.open_again())
 
-    def clear(self) -> None:
-        """Show nothing of a campaign, as for a dataset that is not followed."""
-        self._state.content = self._poses.content = ""
+    def clear(self, dataset: str) -> None:
+        """Name the folder, and show nothing of a campaign, as for a dataset that is not followed."""
+        self._state.content, self._poses.content = elements.note(FOLDER.format(dataset)), ""
         self._show.visible = False
 
     def say(self, words: str, *, bad: bool = False) -> None:

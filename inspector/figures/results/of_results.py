@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
+from calib.calibration.model_versions import NOMINAL, model_name
 from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of, running_median
 from calib.calibration.result import Calibration
@@ -109,7 +110,7 @@ def history_of_model(steps: Sequence[FitStep]) -> go.Figure:
     """Figure of the 3D error after each step of a model, with that of each test pose, without title or ground."""
     last = steps[-1].calibration
     stages = [last.before, *(step.calibration.after for step in steps)]
-    labels = ["as delivered", *(step.label for step in steps)]
+    labels = [NOMINAL, *(step.label for step in steps)]
     train = [np.nan if s.train is None else s.train.rmse_mm for s in stages]
     test = [np.nan if s.test is None else s.test.rmse_mm for s in stages]
     level, poses = noise_level(last), last.dataset.poses
@@ -159,7 +160,7 @@ def learned_curves(of: Calibration | Diagnosis) -> go.Figure:
     calibration = of.calibration
     curves = fitted_curves(calibration)
     if not curves:
-        inside = " + ".join(["link errors", *calibration.model.family_names])
+        inside = model_name(calibration.model)
         raise CalibError(f"dataset {calibration.dataset.name}: no curves were learned; the model is {inside}")
     drawn = curve_plots.joint_curves(curves, calibration.dataset.robot, columns=min(len(curves), 2))
     height = curve_plots.height_px(len(curves), min(len(curves), 2))

@@ -13,11 +13,11 @@ from calib.planning.discrimination import NextPoses
 from calib.present.diagnosis.candidates import (
     CANNOT_BE_TESTED,
     candidate_blocks,
+    evidence_sentence,
     fitted_effect,
     held_out_sentence,
     nothing_shows,
     ranking_to_choose_from,
-    ticks_sentence,
 )
 from calib.present.diagnosis.diagnosis import HOW, reasons
 from calib.present.diagnosis.interventions import intervention_sections
@@ -56,7 +56,7 @@ BELOW = (
     "the line speak for it."
 )
 SETTLE = "Plan the poses that settle it"
-MORE = "Plan poses that determine the link errors better"
+MORE = "Plan poses that determine the links better"
 
 
 class MissingEffectsPanel:
@@ -66,7 +66,7 @@ class MissingEffectsPanel:
         self._actions = actions
         self._own = gui.add_html("")
         self.find = gui.add_button(
-            FIND, icon=viser.Icon.SEARCH, hint="starts from the link errors alone; Undo brings your model back"
+            FIND, icon=viser.Icon.SEARCH, hint="starts from calibrated links alone; Undo brings your model back"
         )
         self._doing = gui.add_html("")
         self._advice = gui.add_html("")
@@ -316,7 +316,7 @@ def ranking_html(session: Session, chosen: str) -> str:
     blocks = ranking_to_choose_from(
         screening, passed_over=session.left_to_curves, chosen=(chosen,), own=own, likely=likely
     )
-    notes = f"{ticks_sentence()} {held_out_sentence(screening)} {nothing_shows(screening)}"
+    notes = f"{evidence_sentence()} {held_out_sentence(screening)} {nothing_shows(screening)}"
     return panel(
         [
             Section("What could be missing: click an effect to choose it", blocks),

@@ -6,28 +6,18 @@ import numpy as np
 import viser
 
 from calib.present.fit.corners import doubt_blocks, place_table, scan_blocks, search_blocks
-from calib.rendering.blocks import Block, Paragraph, Verdict
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Facts, Folded, Paragraph, Verdict
 from calib.rendering.colours import BAD
 from calib.rendering.html import panel
 from calib.targets.search import ScanSearch
-from inspector.markup.parts import elements
 from inspector.markup.parts.palette import FACE_COLOURS
 from inspector.panels.base import Actions, relist
 from inspector.session.view import View, corner_of
 
-NOTE = (
-    "The corner is where the three faces meet. Its uncertainty is drawn as an ellipsoid, enlarged so that it can be "
-    "seen. Look for a long ellipsoid (a face seen edge-on) and for a face with few points or a large rms; "
-    "Distances colours each point by how far it lies off its face."
-)
-TARGETS_NOTE = (
-    "What was found of each target in this scan. Its uncertainty is drawn as an ellipsoid, enlarged so that it can be "
-    "seen; the points that were taken for it have its colour. Look for a target with few points or a large rms."
-)
-POINTS_NOTE = (
-    "The point was measured by another instrument (points.csv). Its uncertainty is drawn as an ellipsoid, enlarged so "
-    "that it can be seen."
-)
+NOTE = "Look for a long ellipsoid (a face seen edge-on), and for a face with few points or a large rms."
+TARGETS_NOTE = "The points taken for a target have its colour. Look for one with few points or a large rms."
+UNKNOWN = "not known: no covariance in points.csv, no point_sigma_mm in dataset.toml"
 THIS, ALL, DISTANCES = "Show the corner", "Show all", "Distances"
 POINT = "Show the point"
 VIEW_OF = {THIS: "Corner", POINT: "Corner", ALL: "All corners", DISTANCES: "Distance"}
@@ -37,7 +27,6 @@ class CornerPanel:
     """Figures of the selected pose's corner."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        self._note = gui.add_html(elements.note(NOTE))
         self._show = gui.add_button_group("In 3D", (THIS, ALL, DISTANCES))
         self._show.on_click(lambda e: actions.show_view(VIEW_OF.get(e.target.value, "Corner")))
         self._content = gui.add_html("")
@@ -47,8 +36,6 @@ class CornerPanel:
         has_scans = view.session.dataset.scan_folder is not None
         shown = (THIS, ALL, DISTANCES) if has_scans else (POINT, ALL)
         relist(self._show, shown)
-        faces = view.session.dataset.shows_faces
-        self._note.content = elements.note(POINTS_NOTE if not has_scans else NOTE if faces else TARGETS_NOTE)
         self._content.content = corner_html(view)
 
 
@@ -66,19 +53,23 @@ def _corner_blocks(view: View) -> list[Block]:
         return [_note("This scan has not been searched yet." if waiting else "Nothing was measured here.")]
     xyz, covariance = found
     corner = None if search is None else search.corner
-    drawn = (
-        f"Drawn {view.factor:g} times larger than one standard deviation (Display → Ellipsoids ×)."
-        if covariance is not None
-        else "Its uncertainty is not known: no covariance in points.csv, no point_sigma_mm in dataset.toml."
-    )
-    what = "point" if view.session.dataset.scan_folder is None else "corner"
+    facts: list[tuple[str, object]] = [
+        ("at x, y, z", f"{', '.join(map(numbers.coordinate, xyz))} mm"),
+        ("sigma, 3D", UNKNOWN if covariance is None else numbers.length(float(np.sqrt(np.trace(covariance))))),
+    ]
+    if corner is not None:
+        facts.append(("rms of the faces", ", ".join(numbers.length(face.rms_mm) for face in corner.faces)))
     return [
         *([] if corner is None else doubt_blocks(corner)),
-        place_table(xyz, covariance),
-        _note(drawn),
-        *([] if search is None or corner is None else search_blocks(search, FACE_COLOURS)),
+        Facts(facts),
         *(scan_blocks(search, _names(view), FACE_COLOURS) if isinstance(search, ScanSearch) else []),
-        _note(f"Click a {what} in the scene to select its pose."),
+        _note(NOTE if corner is not None else TARGETS_NOTE if search is not None else ""),
+        *(
+            []
+            if search is None or corner is None
+            else [Folded("How well it is seen", search_blocks(search, FACE_COLOURS))]
+        ),
+        Folded("Sigma along each axis", [place_table(xyz, covariance)]),
     ]
 
 

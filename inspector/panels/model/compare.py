@@ -23,8 +23,8 @@ from inspector.panels.input_checks import one_of
 from inspector.session.view import ALL_POSES, COLOURINGS, FACTORS, View
 
 NOTE = (
-    "The same measured points against the nominal robot, the calibrated link errors, and the model with the effects "
-    "that were added. Arrows go from measured to predicted. Look for arrows that point alike or grow with the reach: "
+    "The same measured points against the arm as delivered, with calibrated links, and with the effects that were "
+    "added. Arrows go from measured to predicted. Look for arrows that point alike or grow with the reach: "
     "noise does neither."
 )
 AUTOMATIC = "automatic"

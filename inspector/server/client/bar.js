@@ -9,7 +9,7 @@
   const bar = added("headline", "How far the arm is off, and what comes next");
   const looks = added("looks", "Where the view is looked at from");
   const legend = added("legend", "What the colours of the 3D view mean");
-  let opened = ""; // the tab of the step that comes next, which was opened last
+  let opened; // the tab of the step that comes next, which was opened last
 
   function added(name, label) {
     const element = document.createElement("section");
@@ -51,11 +51,12 @@
       tab.dataset.label = tab.textContent.trim();
   }
 
-  // The tab of the step that comes next is open, until the user has touched the page.
+  // The tab of the step that comes next is open, until the user has touched the page; up to the verdict of an import.
   function openNextStep() {
     const next = bar.querySelector('.headline-step[data-state="next"]')?.dataset.tab;
-    if (!next || next === opened || inspector.touched()) return;
+    if (next === opened) return;
     opened = next;
+    if (!next || (inspector.touched() && !bar.querySelector("[data-leads]"))) return;
     inspector.openTab(next);
   }
 

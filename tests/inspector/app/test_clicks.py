@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from calib.calibration.model_versions import LINKS, NOMINAL
 from inspector.app.app import App
 from tests.support.browser import open_tab
 from tests.support.clicks import joint_selected, selected
@@ -60,13 +61,13 @@ def test_a_step_of_the_history_shows_that_model(page: Any, app: App) -> None:
     point.scroll_into_view_if_needed()
     point.click(force=True)
     for _ in range(200):
-        if app.state.now.version is not None and app.state.now.version.name == "nominal":
+        if app.state.now.version is not None and app.state.now.version.name == NOMINAL:
             break
         page.wait_for_timeout(50)
-    assert app.state.now.version.name == "nominal"
+    assert app.state.now.version.name == NOMINAL
     app.show_step(1)
     assert app.worker.wait_idle(10)
-    assert app.state.now.version.name == "link errors"
+    assert app.state.now.version.name == LINKS
 
 
 def test_a_step_of_the_work_opens_its_tab(page: Any) -> None:

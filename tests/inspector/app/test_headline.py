@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html import unescape
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -11,7 +15,7 @@ from calib.present.diagnosis.budget import budget_parts
 from calib.present.fit.errors import length
 from inspector.app.app import App
 from inspector.panels.headline import TO_FIND, headline_html
-from inspector.session.loop import FIND, FIT, MEASURE, TAKE, TaskStatus
+from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Progress, TaskStatus
 from inspector.session.session import Session
 from inspector.session.view import View
 from tests.support.app import IDLE_S, plain
@@ -55,13 +59,20 @@ def test_the_next_step_is_lit_and_starts_to_find(app: App) -> None:
     assert "Looking …" in headline_html(app.state.now, TaskStatus(finding=True, words="Looking …"))
 
 
+def test_measure_is_done_with_a_point_alone(app: App) -> None:
+    dataset = replace(app.state.session.dataset, points=None, scan_folder=Path())
+    failed: Any = SimpleNamespace(failure="seen from behind")
+    searches = dict.fromkeys(dataset.poses.ids, failed)
+    assert Progress.of(Session(dataset, searches)).next == MEASURE
+
+
 def test_the_bar_divides_the_error_between_the_causes_of_the_model_on_show(app: App) -> None:
     session = app.state.session
     html = headline_html(app.state.now, TaskStatus())
     bar = html[html.index('class="headline-budget"') : html.index('class="headline-note"')]
     for part in budget_parts(session.budget):
         assert f"{part.name} {part.words}: " in unescape(bar)
-        assert part.colour in bar
-    assert bar.count("<i ") == len(session.budget.shares)
+        assert bar.count(part.colour) == 2  # in the bar and in its legend
+    assert len(re.findall(r"<i style=.flex-grow", bar)) == len(session.budget.shares)
     assert session.budget.shares[0].cause == "geometry"
     assert "headline-budget" not in headline_html(View(Session(session.dataset)), TaskStatus())

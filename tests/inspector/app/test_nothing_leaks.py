@@ -74,7 +74,7 @@ def test_choices_are_one_datasets(app: App, page: WireClient) -> None:
     against = [page.value("Show"), app.panels.residuals.against.value]
     chosen = {
         "Effect": other_effect(page), "Fit": "pairs", "Residuals ×": "3", "Ellipsoids ×": "3",
-        "Measured": "distance", "Measured points": BY_ERROR, "Model shown": "nominal", "Show": "x",
+        "Measured": "distance", "Measured points": BY_ERROR, "Model shown": "as delivered", "Show": "x",
     }  # fmt: skip
     chosen["Show"] = next(o for o in page.props("Show")["options"] if o != page.value("Show"))
     for label, value in chosen.items():

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from calib.calibration.model_versions import LINKS
 from calib.dataset.dataset import Orientations
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.diagnosis.effect_selection import GEOMETRY
 from calib.measurement.measured_points import with_corners
 from calib.present.fit.corners import face_labelling
 from calib.rendering import numbers
@@ -88,7 +88,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(app: App, page:
         assert after < before
         shows(page, f"{1e3 * before:.4f}", f"{1e3 * after:.4f}", numbers.reduction(before, after))
     assert [step.calibration.residual for step in session(app).steps] == ["pose"]
-    assert session(app).history[-1].label == GEOMETRY
+    assert session(app).history[-1].label == LINKS
 
     page.click("Measured points (CSV)")
     page.wait(lambda p: p.downloads, 30.0)

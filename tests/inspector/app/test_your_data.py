@@ -120,13 +120,21 @@ def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
         assert not other.has(OPEN)  # the window is the page's own
         page.wait(lambda p: p.value("Name") == "my_cell")  # the fields follow the button one by one
         assert not (tmp_path / "data" / "my_cell").exists()
+        options = page.props("Nr")["options"]
+        assert options[:3] == ["pose", "kept as it is", "left out"]
+        assert {"approach6", "payload_kg", "setup"} < set(options)
+        page.set("A6", "approach6")
+        page.wait(lambda p: p.props("A6")["value"] == "approach6" and "joint 3, deg, other way round" in plain(p))
+        assert page.value("Nr") == "pose"
+        page.set("A6", "joint 6, deg")
+        page.wait(open_button)
         page.set("Name", "cell 7")
         page.click(OPEN)
         page.wait(lambda p: p.value("Dataset") == "cell 7")
         page.wait(lambda p: not p.has(OPEN))
         other.wait(lambda p: "cell 7" in p.props("Dataset")["options"])
     idle(app)
-    assert app.state.session.calibration is not None
+    assert app.state.session.diagnosis is not None  # it opens at its verdict
     assert load_dataset(tmp_path / "data" / "cell 7").name == "cell 7"
     assert [path.name for path in (tmp_path / "data").iterdir() if not path.name.startswith(".")] == ["cell 7"]
     app.close()

@@ -130,7 +130,7 @@ def test_one_command_writes_them_all_and_another_opens_the_session(
     assert files["r.csv"].read_text() == exports.residuals_csv(fitted)
     read = load_session(files["s.json"])
     assert dataset_of(read, folder.parent) == folder
-    assert [step.label for step in read.history] == ["nominal", "link errors", f"+ {HIDDEN}"]
+    assert [step.label for step in read.history] == ["as delivered", "calibrated links", f"+ {HIDDEN}"]
     assert read.history[-1].figures[1] == pytest.approx(document["test"]["rmse_mm"], rel=1e-12)
     assert opening(read, folder)[1] == ()
 
@@ -183,7 +183,7 @@ def test_the_page_gives_what_the_commands_give(app: App, fitted: Calibration, da
         table = pd.read_csv(io.BytesIO(taken(page, "Redundancy (CSV)")), index_col="parameter")
         assert table.shape == (35, 35)
         report = taken(page, "Report (HTML)").decode()
-        assert f"link errors + {HIDDEN}" in report
+        assert f"calibrated links + {HIDDEN}" in report
         assert words in html.unescape(report)
         assert HOSTILE not in report
 

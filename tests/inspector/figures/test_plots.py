@@ -81,7 +81,7 @@ def _figures() -> list[go.Figure]:
         correlation_heatmap(NAMES, _pearson()),
         convergence([1.0, 0.1], [1.0, 0.2]),
         pose_residuals(["p1"], ["train"], [0.1]),
-        error_history(["nominal", "link errors"], [1.0, 0.1], [1.0, np.nan], 0.05),
+        error_history(["as delivered", "calibrated links"], [1.0, 0.1], [1.0, np.nan], 0.05),
         _against(smooth=smooth, selected="p2"),
         _place(signed=True, selected="p2"),
         added_variable([0.1, 0.2], [0.2, 0.1], "joint_compliance"),
@@ -134,7 +134,7 @@ def test_what_a_click_on_a_figure_asks_for() -> None:
     shared = added_variable([0.0, 1.0, 2.0], [0.0, 1.0, 2.0], "backlash", ["p1", "p1", "<p2>"]).data[0]
     assert shared.meta == {"ask": "pose", "values": ["p1", "p1", "&lt;p2&gt;"]}
     assert shared.ids is None
-    history = error_history(["nominal", "link errors"], [1.0, 0.5], [1.1, 0.6], 0.1)
+    history = error_history(["as delivered", "calibrated links"], [1.0, 0.5], [1.1, 0.6], 0.1)
     assert [list(t.ids) for t in history.data if t.meta == {"ask": "step"}] == [["0", "1"]] * 2
     heat = correlation_heatmap(NAMES, _pearson(), joints={"a1": 1, "theta3": 3})
     assert all(t.meta == {"ask": "joint", "rows": {"a1": 1, "θ3": 3}} for t in heat.data)

@@ -115,7 +115,7 @@ def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -
         shows(page, "26 of 45")
         shows(other, "26 of 45")
         page.click(ADD)
-        shows(other, f"link errors + {HIDDEN}", "missing is the transmission error")
+        shows(other, f"calibrated links + {HIDDEN}", "missing is the transmission error")
         idle(app)
         page.wait(lambda p: p.text() == other.text() and p.figures() == other.figures())
         assert not page.notifications

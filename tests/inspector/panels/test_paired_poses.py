@@ -41,7 +41,7 @@ def test_arrows_before_and_after_a_change_and_of_what_it_moved(app: App, page: W
     idle(app)
     pairs = app.state.now.pair_choices[DIFFERENCE][1]
     assert np.any(pairs.explained_mm)
-    app.version("link errors")
+    app.version("calibrated links")
     points = app.state.now.session.dataset.points
 
     def starts_at(page: WireClient, poses: IndexArray) -> bool:

@@ -57,7 +57,7 @@ def test_a_pose_that_is_left_out_is_neither_training_nor_test(fitted: Session, w
     for role in ("train", "test"):
         before, after = (getattr(s.calibration.after, role) for s in (fitted, without))  # type: ignore[union-attr]
         assert after.points == before.points - 1
-    assert labels(without) == ["nominal", "link errors", f"− pose {TRAIN}", f"− pose {TEST}"]
+    assert labels(without) == ["as delivered", "calibrated links", f"− pose {TRAIN}", f"− pose {TEST}"]
     assert without.uncounted == {TRAIN, TEST}
     assert without.dataset is fitted.dataset  # so that the pose can still be looked at
     measured = without.measured.points
@@ -170,7 +170,7 @@ def test_a_new_setup_starts_from_the_links_and_is_kept_in_the_file(
     fitted: Session, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     moved = sessions.with_new_setup(sessions.with_effect(sessions.with_screening(fitted), "scanner_drift"), "p30")
-    assert labels(moved) == ["nominal", "link errors"]
+    assert labels(moved) == ["as delivered", "calibrated links"]
     assert sorted(moved.calibration.after.scanner_T_base) == ["", "from p30"]
     path = folder.parent / "moved.json"
     save_session(path, moved)

@@ -94,7 +94,7 @@ def test_what_a_listener_raises_ends_the_diagnosis(ranked: Session) -> None:
     ],
 )
 def test_whether_a_change_helped_is_said(before: float, after: float, label: str, words: str) -> None:
-    history = (StepErrors("link errors", 0.1, before, 0.1), StepErrors(label, 0.05, after, 0.1))
+    history = (StepErrors("calibrated links", 0.1, before, 0.1), StepErrors(label, 0.05, after, 0.1))
     change = last_change(history)
     sentence = plain(change.words)
     assert words in sentence
@@ -104,7 +104,7 @@ def test_whether_a_change_helped_is_said(before: float, after: float, label: str
 
 def test_without_test_poses_the_training_error_speaks() -> None:
     nan = math.nan
-    history = (StepErrors("link errors", 0.4, nan, 0.1), StepErrors("+ backlash", 0.2, nan, 0.1))
+    history = (StepErrors("calibrated links", 0.4, nan, 0.1), StepErrors("+ backlash", 0.2, nan, 0.1))
     change = last_change(history)
     assert "falls by 50 %" in plain(change.words)
 

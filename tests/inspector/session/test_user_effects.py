@@ -118,7 +118,7 @@ def test_a_changed_file_is_taken_and_a_broken_one_told_in_a_line(served: tuple[A
     with WireClient(app.server.get_port()) as page:
         page.set("Effect", "ripple")
         page.click("Add to the model")
-        shows(page, "link errors + ripple")
+        shows(page, "calibrated links + ripple")
         idle(app)
         fitted = session(app).calibration
         path.write_text("import numppy\n")

@@ -120,7 +120,7 @@ def _missed(campaign: Campaign) -> str:
     if level.source == FIT or not np.isfinite(sigma_mm) or sigma_mm < _MISSES * level.sigma_mm:
         return ""
     return (
-        f"The link errors leave {numbers.length(sigma_mm)} per coordinate, {numbers.times(sigma_mm / level.sigma_mm)} "
+        f"Calibrated links leave {numbers.length(sigma_mm)} per coordinate, {numbers.times(sigma_mm / level.sigma_mm)} "
         "the noise: something is missing in the model, which inspector diagnose looks for."
     )
 

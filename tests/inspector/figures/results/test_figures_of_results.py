@@ -79,7 +79,7 @@ def test_a_wrong_name_lists_the_right_ones(fit: Calibration, found: Diagnosis) -
         (lambda: figures.residuals_over(fit, "speed"), r"no input named 'speed'; there are q1, .*torque2"),
         (lambda: figures.residuals_over(fit, "q1", show="w"), "there are length, x, y, z"),
         (lambda: figures.residuals_over(fit, "q1", show=7), "no joint 7; .* has joints 1 to 6"),
-        (lambda: figures.learned_curves(found), "no curves were learned; the model is link errors"),
+        (lambda: figures.learned_curves(found), "no curves were learned; the model is calibrated links"),
     ):
         with pytest.raises(CalibError, match=says):
             wrong()
