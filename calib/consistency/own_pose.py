@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -16,30 +13,6 @@ from calib.kinematics.robot import Robot
 
 AGREES_MM = 0.1  # rms, up to which both are one table: digits of a log, noise of joints
 _HOPELESS = 0.4  # of the points' spread: another robot, another sequence of joints
-_NUMBERED = re.compile(r"(?P<stem>.*tcp_?pose.*?)(?P<k>[0-5])\]?$", re.IGNORECASE)
-_NAMED = re.compile(r"(?P<stem>(?:.*[^a-z])?tcp(?:[^a-z].*)?)(?P<axis>[xyz])$", re.IGNORECASE)
-_NOT_ACTUAL = ("target", "speed", "force", "vel", "command", "offset", "acc")
-
-
-def own_pose_columns(names: Sequence[str]) -> tuple[str, str, str] | None:
-    """Columns with the place of a controller's tool, such as actual_TCP_pose_0 to 2 or tcp_x, tcp_y, tcp_z.
-
-    None where there are none, or several sets of them. Names are without units.
-    """
-    found: dict[str, dict[int, str]] = {}
-    for name in names:
-        if any(word in name.lower() for word in _NOT_ACTUAL):
-            continue
-        numbered, named = _NUMBERED.match(name), _NAMED.match(name)
-        if numbered:
-            found.setdefault(numbered["stem"], {})[int(numbered["k"])] = name
-        elif named:
-            found.setdefault(named["stem"], {})["xyz".index(named["axis"].lower())] = name
-    sets = [columns for columns in found.values() if {0, 1, 2} <= set(columns)]
-    if len(sets) != 1:
-        return None
-    first = min(sets[0])
-    return sets[0][first], sets[0][first + 1], sets[0][first + 2]
 
 
 def table_disagreement_mm(robot: Robot, q: Array, tool_mm: Array) -> float | None:

@@ -7,83 +7,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from calib.dataset.signals import is_signal
+from calib.dataset_import.column_words import MEANINGS, SERIES, WORDS, is_called, words_of
+from calib.dataset_import.place_columns import point_columns
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.text_files.column_names import LENGTHS_MM, MOST_CHARACTERS, listed, plain, split_unit
+from calib.text_files.column_names import MOST_CHARACTERS, plain, split_unit
 
 _JOINT = re.compile(
     r"(?P<set>.*?(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse|rax|mp|actuator|articulation|articulación|giunto|juntas?|关节|轴|関節|軸|第))"
     r"[^\w]*_?(?P<number>\d+)(?P<end>\D*)|(?P<first>\d+)\s*(?:軸|轴|关节|関節|节)\D*",
     re.IGNORECASE,
 )
-_ENDS = frozenset(
-    listed(
-        "actual act ist istwert measured meas position pos positions angle value feedback fb state winkel grad 轴 "
-        "軸 角度 关节 関節 轴角度 軸角度 关节角度 関節角度 角"
-    )
-) | {""}
-_SERIES = (  # joints that some makers name and do not number
-    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
-    ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
-    ("s", "l", "u", "r", "b", "t"),
-)
-NOT_POSITIONS = frozenset(
-    listed(
-        "target desired command commanded cmd reference ref setpoint goal nominal error velocity velocities vel "
-        "speed qd qdd dq ddq qdot acceleration acc current effort eff torque tau tq moment temperature "
-        "temperatures temp voltage mode control action jerk tcp force d ip mt et aspos macur drehmoment "
-        "geschwindigkeit consigne vitesse"
-    )
-)
+_ENDS = WORDS["end of joint"] | WORDS["read"] | {""}
 _SET_VALUES = ("soll", "strom")  # beginnings of German words for them
-_ACTUAL = {"actual", "measured", "meas", "ist", "istposition"}
-_MEASURED = listed(
-    "measured measurement measure meas gemessen mess laser lt tracker scanner jig smr reflector marker 测量 "
-    "实测 mesuré mesurée mesure misurato medido 測定値 測定 計測値 計測 实测值 测量值 gemessene istwert"
-)
-_ACTUAL_POINT = ("actual", "act", "ist")  # of a controller its own, but beside nominal ones
-_MARKER_NAMES = listed(
-    "marker reflector reflektor smr prism tag ball kugel aruco messpunkt cible マーカー ターゲット 标记 靶球"
-)
-_NOMINAL = listed("nominal nom soll theoretical theo 名义 理论")
-_DEVIATIONS = listed("deviation dev abweichung delta error 余量")
-_AXES = {"easting": "x", "northing": "y", "elevation": "z"}  # of surveyors
-_WORDS = "|".join(
-    (
-        *_MEASURED,
-        *_ACTUAL_POINT,
-        *listed("point punkt position pos coordinate coord koordinate coordonnée 座標 坐标 p t"),
-    )
-)
-_NUMBERED = re.compile(rf"(?P<stem>{_WORDS}|xyz)s?[\W_]*\d+\W?", re.IGNORECASE)
-_POINT = re.compile(rf"^(?P<before>(?:{_WORDS})*)(?P<axis>[xyz])(?P<after>1?(?:{_WORDS})*)$")
-_NO_MARKER = frozenset(
-    listed(
-        "r q f d s u v w m sigma std ori roll euler quat force moment torque vel acc speed cov base frame flange "
-        "nozzle rot rotation orientation quaternion velocity acceleration normal imu gyro wrench dir uncertainty "
-        "cmd command commanded goal consigne tcp tool0 robot controller steuerung ee eef effector fk odom "
-        "cartesian calculated berechnet desired setpoint reference sollwert 指令 目標"
-    )
-)
-_MARKER_FORMS = tuple(
-    re.compile(form, re.IGNORECASE)
-    for form in (
-        r"(?P<stem>.*?\w.*?)(?:[\W_]+|(?<=\d)|(?<=[a-z])(?=[XYZ]))(?P<axis>[xyz])(?P<after>)",
-        r"(?P<after>)(?P<axis>[xyz])(?:[\W_]+|(?=\d))(?P<stem>.*\w.*)",
-        r"(?P<stem>.*?\w.*?)[\W_]+(?P<axis>[xyz])[\W_]+(?P<after>.*\w.*)",
-    )
-)
-_OTHERS = {  # spellings, without signs
-    "pose": "pose poseid id name no nr number index idx measurement point pointname pointid config punkt messpunkt "
-    "punktname punktnr repère pointno pointnr 测点 点号 測定点 測点 番号 序号 file",
-    "role": "role set split",
-    "target": "target reflector smr marker",
-    "setup": "setup station",
-    "payload_kg": "payload payloadmass load",
-    "temperature_c": "temperature temp temperatur",
-    "time_s": "time timestamp zeit",
-    "scan": "scan scanfile",
-}
+_NO_JOINT = ("no joint", "commanded", "nominal", "deviation", "rate")
 _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}
 _VALUE = re.compile(r"[/._ ](?:position|pos|value|actual|angle|meas|measured)(?:\[\d+\])?$")  # behind a joint's name
 _EXACT = re.compile(
@@ -97,8 +34,6 @@ _TURNED = re.compile(
     r"(?:(?P<others>(?:[+-]q[1-9]\d?)+)|(?P<offset>[+-]\d{1,4}(?:\.\d{1,6})?))?$"
 )
 _FEW_JOINTS = 2
-Markers = dict[str, tuple[str, str, str]]
-"""Columns x, y, z by the name of the marker or point that they are of."""
 BY_NAME, AS_MAPPED, BY_PLACE = "by its name", "as told", "by its place, as there is no header"
 
 
@@ -157,7 +92,7 @@ def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
         if not equals or not column.strip() or meaning is None:
             raise DatasetError(
                 f"--map {pair}: expected column=meaning, a meaning being q1 (q1_deg, q1_rad, -q1_deg, q1_deg+90, "
-                f"q3-q2) ..., x, y, z (x_mm, x_m), length_mm, anchor, {', '.join(_OTHERS)}, ignore"
+                f"q3-q2) ..., x, y, z (x_mm, x_m), length_mm, anchor, {', '.join(MEANINGS)}, ignore"
             )
         out[column.strip()] = meaning
     return out
@@ -166,7 +101,7 @@ def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
 def meaning_of(text: str) -> Meaning | None:
     """Meaning written as in --map, such as -q1_deg+90; None for a text without a meaning."""
     text = text.strip()
-    if text in _OTHERS or _EXACT.match(text):
+    if text in MEANINGS or _EXACT.match(text):
         return Meaning(text)
     turned = _TURNED.match(text)
     if turned:
@@ -177,7 +112,7 @@ def meaning_of(text: str) -> Meaning | None:
             tuple((name, -1.0 if of == "-" else 1.0) for of, name in others),
         )  # fmt: skip
     base, unit = split_unit(text)
-    if base in ("x", "y", "z", "ignore", *_OTHERS) or re.fullmatch(r"q([1-9]\d?|\*)", base):
+    if base in ("x", "y", "z", "ignore", *MEANINGS) or re.fullmatch(r"q([1-9]\d?|\*)", base):
         return Meaning(base, unit)
     return None
 
@@ -226,7 +161,7 @@ def recognise(
         for k, name in enumerate(joints):
             if name in unmapped and f"q{k + 1}" not in found:
                 take(name, Meaning(f"q{k + 1}", split_unit(name)[1]))
-    points = _point_columns([name for name in unmapped if name not in taken])
+    points = point_columns([name for name in unmapped if name not in taken])
     for name in (name for name in unmapped if name not in taken):
         base, unit = split_unit(name)
         if _EXACT.match(name):
@@ -235,9 +170,9 @@ def recognise(
             if points[name] not in found:
                 take(name, Meaning(points[name], unit))
         else:
-            for meaning, spellings in _OTHERS.items():
+            for meaning, spellings in MEANINGS.items():
                 usual = _CONDITION_UNITS.get(meaning, "")
-                if plain(base) in listed(spellings) and meaning not in found and unit in ("", usual):
+                if plain(base) in spellings and meaning not in found and unit in ("", usual):
                     take(name, Meaning(meaning))
     rest = tuple(name for name in names if name not in taken)
     return Recognised(found, rest, tuple(faults))
@@ -257,14 +192,9 @@ def _matching(names: Sequence[str], pattern: str, robot: Robot | None) -> list[s
     return [name for _, name in sorted(numbered)]
 
 
-def words_of(name: str) -> set[str]:
-    """Words of a column's name, in lower case."""
-    return {word for word in re.split(r"[\W_]+|(?<=[^\W\d_])(?=\d)", name.lower()) if word}
-
-
 def names_poses(name: str) -> bool:
     """Whether a column is called as those are that name poses."""
-    return plain(split_unit(name)[0]) in listed(_OTHERS["pose"])
+    return plain(split_unit(name)[0]) in MEANINGS["pose"]
 
 
 def is_exact(meaning: str) -> bool:
@@ -272,17 +202,9 @@ def is_exact(meaning: str) -> bool:
     return _EXACT.match(meaning) is not None
 
 
-def is_position(name: str) -> bool:
+def _is_position(name: str) -> bool:
     """Whether a column may hold where a joint is: neither its speed nor what it was commanded."""
-    words = words_of(name)
-    return not words & NOT_POSITIONS and not any(word.startswith(_SET_VALUES) for word in words)
-
-
-def is_beside_point(name: str) -> bool:
-    """Whether a column beside the measured point is a further or nominal point, or how far the point is from it."""
-    words, base = words_of(name), plain(split_unit(name)[0])
-    of_axis = bool(words & {"x", "y", "z"}) and bool(words & {*_NOMINAL, *_DEVIATIONS})
-    return of_axis or re.fullmatch(r"[xyz]\d{1,3}", base) is not None
+    return not is_called(name, *_NO_JOINT) and not any(word.startswith(_SET_VALUES) for word in words_of(name))
 
 
 def are_names(names: Sequence[str], robot: Robot | None = None, mapping: Mapping[str, Meaning] | None = None) -> bool:
@@ -299,49 +221,13 @@ def end_in_joint(names: Sequence[str]) -> bool:
     return sum(plain(split_unit(name)[0]).endswith("joint") for name in names) > _FEW_JOINTS
 
 
-def point_groups(names: Sequence[str]) -> Markers:
-    """Columns x, y, z of each point, by what stands beside the axis in their names.
-
-    Nominal points, deviations, turns and the controller's own poses are none.
-    """
-    found: dict[str, dict[str, str]] = {}
-    for name in names:
-        base = split_unit(name)[0].strip()
-        match = next((m for form in _MARKER_FORMS if (m := form.fullmatch(base))), None)
-        stem = "" if match is None else f"{match['stem']} {match['after']}".strip(" _./-")
-        axis = match["axis"].lower() if match is not None else base.lower()
-        words = set(re.split(r"[\W_]+", stem.lower()))  # m1 is a marker, m a moment
-        if axis in ("x", "y", "z") and not words & {*_NO_MARKER, *_NOMINAL, *_DEVIATIONS}:
-            found.setdefault(stem, {}).setdefault(axis, name)
-    return {stem: (axes["x"], axes["y"], axes["z"]) for stem, axes in found.items() if len(axes) == 3}
-
-
-def marker_columns(names: Sequence[str]) -> Markers:
-    """Columns x, y, z of each of several markers, such as T1_x ... T2_x ..., or x1 ... x2 ..., by the markers' names.
-
-    {} unless their names differ by numbers or single letters alone, or all have a word for a marker.
-    """
-    kinds: dict[str, Markers] = {}
-    for stem, columns in point_groups(names).items():
-        kinds.setdefault(kind_of_marker(stem), {})[stem or "1"] = columns
-    most = max(kinds.values(), key=len, default={})
-    return most if len(most) > 1 else {}
-
-
-def kind_of_marker(name: str) -> str:
-    """What markers of one kind have in common: a word for them, or their name without numbers and single letters."""
-    if any(word.startswith(_MARKER_NAMES) for word in words_of(name)):
-        return "marker"
-    return plain(re.sub(r"\d+|(?<![^\W_])[A-Za-z](?![^\W_])", "9", name) or "9")
-
-
 def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
     """Names of the joints' columns in order, by the robot's joint names or else by number, and faults.
 
     What was commanded is taken only where there is nothing else.
     """
     names = [name for name in names if not is_signal(name)]
-    positions = [name for name in names if is_position(name)]
+    positions = [name for name in names if _is_position(name)]
     found, faults = _joints_among(positions, robot)
     return (found, faults) if found or faults else _joints_among(names, robot)
 
@@ -355,7 +241,7 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
     wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
     by_name = {plain(_VALUE.sub("", split_unit(name)[0])): name for name in names}
     is_clear = bool(wanted) and len(set(wanted)) == len(wanted)
-    for series in (wanted if is_clear else [], *_SERIES):
+    for series in (wanted if is_clear else [], *SERIES):
         if series and set(series) <= set(by_name) and (robot is None or robot.n_joints == len(series)):
             return [by_name[name] for name in series], []
     if is_clear and min(map(len, wanted)) > 2:
@@ -383,7 +269,7 @@ def _joints_among(names: Sequence[str], robot: Robot | None) -> tuple[list[str],
         if sorted(numbered) in (list(range(1, n + 1)), list(range(n)))
         if robot is not None or key.strip() != "q" or sorted(numbered) != [0, 1, 2, 3]  # a quaternion
     }
-    actual = [columns for columns in complete.values() if words_of(columns[0]) & _ACTUAL]
+    actual = [columns for columns in complete.values() if is_called(columns[0], "read")]
     if len(complete) == 1 or len(actual) == 1:
         return (actual or list(complete.values()))[0], []
     return [], [_which_arm(list(complete.values()), None)] if complete else []
@@ -399,32 +285,3 @@ def _which_arm(sets: Sequence[Sequence[str]], robot: Robot | None) -> str:
         typed.append(f"--map '{pattern}=q*'" if found else f"--map '{columns[0]}=q1' ...")
     named = " and ".join(f"{columns[0]} ..." for columns in sets)
     return f"found {len(sets)} sets of joint columns, {named}; say which by {' or '.join(typed)}"
-
-
-def _point_columns(names: Sequence[str]) -> dict[str, str]:
-    """Axis of each column of the measured point: a whole point before single ones, one said to be measured first."""
-    has_nominal = any(words_of(name) & set(_NOMINAL) for name in names)
-    found: dict[tuple[int, str], dict[str, str]] = {}
-    for name in names:
-        base, unit = split_unit(name)
-        base = _AXES.get(plain(base), base)
-        match = _POINT.match(plain(base)) if unit in ("", *LENGTHS_MM) else None
-        words = "" if match is None else match["before"] + match["after"]
-        if match is None or (not has_nominal and any(word in words for word in _ACTUAL_POINT)):
-            continue
-        rank = 0 if any(word in words for word in (*_MEASURED, *_ACTUAL_POINT)) else 1
-        found.setdefault((rank, f"{match['before']} {match['after']}"), {}).setdefault(match["axis"], name)
-    if not any(len(axes) == 3 for axes in found.values()):
-        groups = point_groups(names)
-        for columns in (groups if len(groups) == 1 else marker_columns(names)).values():
-            return dict(zip(columns, "xyz", strict=True))
-        sets: dict[str, list[str]] = {}
-        for name in names:
-            if match := _NUMBERED.fullmatch(split_unit(name)[0]):
-                sets.setdefault(match["stem"], []).append(name)
-        if [len(columns) for columns in sets.values()] == [3]:  # such as p[0], p[1], p[2]
-            return dict(zip(next(iter(sets.values())), "xyz", strict=True))
-    order = sorted(found, key=lambda key: (-len(found[key]), key[0]))
-    return {name: axis for key in order[:1] for axis, name in found[key].items()} | (
-        {} if not order or len(found[order[0]]) == 3 else {n: a for key in order[1:] for a, n in found[key].items()}
-    )

@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.dataset_import.columns import words_of
+from calib.dataset_import.column_words import WORDS, words_of
 from calib.rendering import numbers
 from calib.text_files.column_names import ANGLES_RAD, split_unit
 from calib.text_files.user_table import UserTable
 
-_COMMANDED = frozenset({"target", "commanded", "command", "cmd", "desired", "goal", "set", "setpoint", "soll"})
-_READ = frozenset({"actual", "read", "measured", "feedback", "fb", "is", "ist", "present", "state"})
 _FEWEST = 4
 _TWICE = 2.0  # times what the best law leaves, up to which another fits as well
 _LEAST_DEG = 0.02  # of a difference worth a word
@@ -39,7 +37,7 @@ def _pairs(table: UserTable) -> Iterator[tuple[str, Array, Array]]:
     named: dict[tuple[str, ...], dict[str, str]] = {}
     for name in table.columns:
         words = words_of(split_unit(name)[0])
-        for kind, known in (("commanded", _COMMANDED), ("read", _READ)):
+        for kind, known in (("commanded", WORDS["commanded"] | {"target", "set", "soll"}), ("read", WORDS["read"])):
             if words & known:
                 named.setdefault(tuple(sorted(words - known)), {})[kind] = name
     for found in named.values():

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
-from calib.dataset_import.flange_columns import ANY_FORM, FIXED, VECTOR, XYZ, ZYX, ZYZ, FlangeColumns, flange_columns
+from calib.dataset_import.place_columns import ANY_FORM, FIXED, VECTOR, XYZ, ZYX, ZYZ, PoseColumns, pose_columns
 from calib.errors import CalibError
 from calib.kinematics.cartesian import joints_of_poses
 from calib.text_files.column_names import LENGTHS_MM, UNITS, plain, split_unit
@@ -43,7 +43,7 @@ def readings_of(table: UserTable, *, any_form: bool = False, what: str = "the fl
 
     any_form: whether three angles may be meant in any way, whatever their columns are called.
     """
-    named = flange_columns(table) if table.has_header else None
+    named = pose_columns(table.columns) if table.has_header else None
     choices = _by_number(table) if not table.has_header else [] if named is None else [named]
     if not choices:
         raise CalibError(
@@ -101,7 +101,7 @@ def joints_in_place(table: UserTable, chosen: FlangePoses) -> UserTable:
     return replace(table, columns=columns, rows=rows, has_header=True)
 
 
-def _by_number(table: UserTable) -> list[FlangeColumns]:
+def _by_number(table: UserTable) -> list[PoseColumns]:
     """Columns of a table without a header by their number, behind names or times."""
     numbers = [name for name in table.columns if all(as_number(cell) is not None for cell in table.text(name))]
     out = []
@@ -109,11 +109,11 @@ def _by_number(table: UserTable) -> list[FlangeColumns]:
         if len(numbers) in (count, count + 1):
             first = 3 if count < 12 else 0
             last = tuple(numbers[-count:])
-            out.append(FlangeColumns(last[:first], last[first:], forms))
+            out.append(PoseColumns(last[:first], last[first:], forms))
     return out
 
 
-def _readings(table: UserTable, columns: FlangeColumns) -> list[FlangePoses]:
+def _readings(table: UserTable, columns: PoseColumns) -> list[FlangePoses]:
     """Readings of some columns; none where the numbers are no attitude of that kind."""
     faults: list[str] = []
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.consistency.agreement import Sample, misfit_mm, nominal_places
-from calib.dataset_import.columns import AS_MAPPED, Column, Markers, Recognised, marker_columns
+from calib.dataset_import.columns import AS_MAPPED, Column, Recognised
+from calib.dataset_import.place_columns import Markers, marker_columns
 from calib.dataset_import.reading import ImportReport, MeantTable, coordinates
 from calib.errors import visible
 from calib.frames import apply, best_fit_transform, invert

@@ -11,16 +11,16 @@ from typing import Protocol
 import numpy as np
 
 from calib.array_types import Array, Vector
-from calib.consistency.own_pose import agreement_note, own_pose_columns, table_disagreement_mm
+from calib.consistency.own_pose import agreement_note, table_disagreement_mm
 from calib.corners.edge_length import measured_edge_mm
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import lines_of, note_of, rows_of, too_many_bad_rows, without_remarks
 from calib.dataset_import.columns import Meaning, are_names
 from calib.dataset_import.convention import Sheet, has_known_unit, settled, with_told_commands
 from calib.dataset_import.drives import drives_in_words
-from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.measured import MeasuredPoses
+from calib.dataset_import.place_columns import has_poses, own_pose_columns
 from calib.dataset_import.pose_names import files_of_rows, matched
 from calib.dataset_import.questions import (
     Question,
@@ -483,7 +483,7 @@ class _Planning:
             self.asked += [unit_question(points, "x", ("mm", "m", "in"))] if len(report.faults) > faults else []
         if self.points is not None and self.points.meant.rest:
             report.notes.append(f"{points.path}: other columns are left out: {', '.join(self.points.meant.rest)}")
-        if sheet is not None and self.points is None and has_flange_poses(joints.table):
+        if sheet is not None and self.points is None and has_poses(joints.table):
             self._doubt_computed(joints.table, sheet, q)
         self._compare_with_controller(joints.table, report.robot, q)
         if by_plugin is not None and not report.faults:
@@ -558,8 +558,7 @@ class _Planning:
 
     def _compare_with_controller(self, table: UserTable, robot: Robot, q: Array) -> None:
         """Note, or doubt, on whether the poses that the controller wrote down are those of the robot's table."""
-        by_base = {split_unit(name)[0]: name for name in table.columns}
-        names = [by_base[base] for base in own_pose_columns(list(by_base)) or ()]
+        names = own_pose_columns(table.columns)
         if not names:
             return
         places = np.column_stack([table.numbers(name, lambda _: None) for name in names])

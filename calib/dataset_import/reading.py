@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.consistency.own_pose import own_pose_columns
 from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import (
     AS_MAPPED,
@@ -22,10 +21,9 @@ from calib.dataset_import.columns import (
     length_column,
     names_poses,
     numbered_joints,
-    point_groups,
     recognise,
 )
-from calib.dataset_import.flange_columns import has_flange_poses
+from calib.dataset_import.place_columns import has_poses, own_pose_columns, point_groups
 from calib.dataset_import.pose_names import SAME_NAMES, comparable_id, matched
 from calib.dataset_import.units import length_unit
 from calib.errors import DatasetError
@@ -168,7 +166,7 @@ def recognised(
     if joints and robot is not None and not found.faults:
         n = robot.n_joints
         missing = [f"q{k + 1}" for k in range(n) if f"q{k + 1}" not in found.columns]
-        if len(missing) == n and has_flange_poses(table):
+        if len(missing) == n and has_poses(table):
             wrong.append(
                 f"its columns are Cartesian poses ({have}), and the joints' values are needed: poses do not tell by "
                 "which of several ways the arm reached them, nor what its table made of the joints; controllers and "
@@ -237,10 +235,10 @@ def moving_joints(table: UserTable, robot: Robot) -> list[str]:
 def _several(table: UserTable) -> str:
     """Part of a sentence that tells how to choose one of several points with names of their own."""
     groups = point_groups(table.columns)
-    own = own_pose_columns([split_unit(name)[0] for name in table.columns])
+    own = own_pose_columns(table.columns)
     if len(groups) < 2 and own is None:
         return ""
-    first = next(iter(groups.values())) if groups else [n for n in table.columns if split_unit(n)[0] in (own or ())]
+    first = next(iter(groups.values())) if groups else own or ()
     typed = " ".join(f"--map '{name}={axis}'" for name, axis in zip(first, "xyz", strict=True))
     if len(groups) < 2:
         return f"; {first[0]} ... are named as the pose that a controller computes; if measured, say so by {typed}"

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from calib import frames
 from calib.array_types import Array
 from calib.dataset_import.columns import recognise
-from calib.dataset_import.flange_columns import FIXED, VECTOR, XYZ, ZYX, ZYZ, flange_columns
 from calib.dataset_import.flange_poses import readings_of
+from calib.dataset_import.place_columns import FIXED, VECTOR, XYZ, ZYX, ZYZ, has_poses, pose_columns
 from calib.dataset_import.reading import ImportReport, joint_values, recognised
 from calib.dataset_import.units import joint_units
 from calib.errors import CalibError
@@ -127,7 +127,7 @@ def _table_in(joints: str | None) -> Path | None:
 
 def _has_poses(table: UserTable, robot: Robot) -> bool:
     joints = all(f"q{k + 1}" in recognise(table.columns, robot, {}).columns for k in range(robot.n_joints))
-    return not joints and flange_columns(table) is not None
+    return not joints and has_poses(table)
 
 
 def _typed_joints(text: str, robot: Robot) -> Array:
@@ -183,7 +183,7 @@ def _told_poses(table: UserTable) -> list[list[NamedFrame]]:
 
 def _readings(row: UserTable) -> list[NamedFrame]:
     """A pose by the forms and units that its row or its columns tell. Raises CalibError where it has none."""
-    found = flange_columns(row)
+    found = pose_columns(row.columns)
     used = () if found is None else (*found.place, *found.attitude)
     texts = [cell for name, cell in zip(row.columns, row.rows[0], strict=True) if name not in used and cell]
     words = re.findall(r"[^\W\d_]+", " ".join(texts).lower())

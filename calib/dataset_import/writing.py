@@ -19,8 +19,8 @@ from calib.dataset.files.cell_tables import scanner_document
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
-from calib.dataset_import.columns import is_beside_point
 from calib.dataset_import.measured import MeasuredPoses
+from calib.dataset_import.place_columns import is_beside_point
 from calib.dataset_import.reading import ImportReport, MeantTable
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot

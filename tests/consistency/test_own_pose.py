@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
+from calib.consistency.own_pose import table_disagreement_mm
 from calib.dataset.files.robot_toml import load_robot_toml
+from calib.dataset_import.place_columns import own_pose_columns
 from tests.support.recorded_run import ROWS, ZERO_DEG, robot_toml
 
 NOMINAL = (0.0,) * len(ROWS)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.dataset_import.columns import Column, Meaning, kind_of_marker, recognise
+from calib.dataset_import.column_words import kind_of_marker
+from calib.dataset_import.columns import Column, Meaning, recognise
 from calib.dataset_import.markers import STANDS_STILL, spread_of
 from calib.errors import visible
 from calib.extras.logs.series import JointSeries, PointSeries, Recording, RecordingError, lost_rows

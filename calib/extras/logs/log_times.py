@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import Array
-from calib.dataset_import.columns import Meaning, words_of
+from calib.dataset_import.column_words import is_called
+from calib.dataset_import.columns import Meaning
 from calib.extras.logs.series import RecordingError
 from calib.lazy_modules import pd
 from calib.text_files.column_names import plain
@@ -98,7 +99,7 @@ def _rank(log: Log, name: str) -> float:
         return _TIMES.index(word)
     if word.endswith(("headerstamp", "timestamp")):
         return len(_TIMES)
-    if words_of(name) & {"time", "timestamp", "stamp", "zeit"}:
+    if is_called(name, "time"):
         steps = np.diff(log.numbers(name))
         if len(steps) and (steps >= 0.0).all() and steps.any():  # as a clock goes on
             return len(_TIMES) + 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,15 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array, BoolArray
+from calib.dataset_import.column_words import is_own
 from calib.errors import DatasetError
 from calib.text_files.records import table_file
 
 BAGS = (".bag", ".mcap", ".db3")
 PARQUET = ".parquet"
-_OWN = re.compile(
-    r"end_effector|target_pose|(?<![^/. _])(tcp|ee|eef|endeffector|cartesian|flange|goal|desired|command|cmd|setpoint"
-    r"|reference|tool0|fk|odom)(?![^/. _])"
-)
 _HELD = 5.0  # times as many rows with one value as are usual
 
 
@@ -57,7 +53,7 @@ class PointSeries:
     @property
     def is_controllers_own(self) -> bool:
         """Whether it is named as a pose that the controller computes or is commanded, which measures nothing."""
-        return _OWN.search(f"{self.source} {self.label}".lower().replace("-", "_")) is not None
+        return is_own(f"{self.source} {self.label}")
 
 
 @dataclass(frozen=True)

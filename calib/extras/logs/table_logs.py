@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import Array
-from calib.dataset_import.columns import Meaning, end_in_joint, point_groups, recognise, words_of
+from calib.dataset_import.column_words import WORDS, is_called
+from calib.dataset_import.columns import Meaning, end_in_joint, recognise
+from calib.dataset_import.place_columns import point_groups
 from calib.extras.logs.log_times import Log, has_fast_rows, seconds_of, time_of
 from calib.extras.logs.series import PARQUET, JointSeries, PointSeries, Recording, RecordingError, in_order
 from calib.kinematics.robot import Robot
@@ -28,9 +30,6 @@ MOST_BYTES = 4_000_000_000
 _MOST_NUMBERS = 200_000_000  # of a parquet file
 _HEAD_BYTES = 1_000_000
 _FEWEST_ROWS = 40
-_NOT_PLACES = {"angular", "linear", "twist", "accelerometer", "gravity", "scale", "covariance"}
-_TURNS = {"rx", "ry", "rz", "roll", "pitch", "yaw", "rotation", "tilt", "a", "b", "c"}
-_LABELS = ("target", "marker", "markerid", "tagid", "childframeid", "pointname")
 _STATE = "observation.state"  # of LeRobot
 
 
@@ -81,7 +80,7 @@ class _Columns:
         return cls(
             joints,
             _triples(columns, mapping, joints),
-            next((name for name in columns if plain(name) in _LABELS), ""),
+            next((name for name in columns if plain(name) in WORDS["label"]), ""),
         )
 
     @property
@@ -122,7 +121,7 @@ def describe_table(table: UserTable) -> tuple[bool, bool]:
 def _described(log: Log) -> tuple[bool, bool]:
     meant = recognise(log.columns, None, {})
     named = [name for name in log.columns if name.startswith(_STATE) or name.lower().endswith("/position")]
-    angles = [n for n in log.columns if split_unit(n)[1] in ("deg", "rad") and not words_of(n) & _TURNS]
+    angles = [n for n in log.columns if split_unit(n)[1] in ("deg", "rad") and not is_called(n, "turn")]
     has_joints = "q1" in meant.columns or bool(meant.faults) or end_in_joint(log.columns)
     return has_joints or max(len(named), len(angles)) > 1, bool(_triples(log.columns, {}, ()))
 
@@ -252,8 +251,7 @@ def _triples(
     told = {meant.name: column for column, meant in mapping.items() if meant.name in ("x", "y", "z")}
     if len(told) == 3 and set(told.values()) <= set(columns):
         return {"": (told["x"], told["y"], told["z"])}
-    found = point_groups([name for name in columns if name not in joints])
-    return {key: names for key, names in found.items() if not words_of(key) & _NOT_PLACES}
+    return point_groups([name for name in columns if name not in joints])
 
 
 def _joints(log: Log, time_s: Array, found: _Columns) -> JointSeries:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from calib import frames
 from calib.dataset_import.columns import Meaning, recognise
-from calib.dataset_import.flange_columns import has_flange_poses
 from calib.dataset_import.flange_poses import FlangePoses, clear_reading, joints_in_place, readings_of
+from calib.dataset_import.place_columns import has_poses
 from calib.errors import CalibError
 from calib.extras.camera.board_hand_eye import MOUNTS, least_misfit_mm
 from calib.extras.camera.importing.camera_views import CameraChoice, CameraPoints
@@ -65,7 +65,7 @@ def table_of_arm(
 
 def _has_no_joints(table: UserTable, robot: Robot | None, mapping: Mapping[str, Meaning]) -> bool:
     """Whether a table of joint values has poses of the flange in their place."""
-    if not has_flange_poses(table):
+    if not has_poses(table):
         return False
     found = recognise(table.columns, robot, mapping)
     count = _FEWEST_JOINTS if robot is None else robot.n_joints  # q1 ... q4 alone may be a quaternion
