@@ -212,11 +212,6 @@ class Poses(Brief):
             hint = hint or f"the first of {len(self)} is {self.ids[0]!r}"
             raise DatasetError(f"no pose named {pose_id!r}; {hint}") from None
 
-    def to_frame(self) -> pd.DataFrame:
-        """Table of the poses with the columns of poses.csv, angles in degrees."""
-        table: pd.DataFrame = load("calib.dataset.files.poses_csv:poses_frame")(self.poses, self.robot)
-        return table
-
     def _brief(self) -> str:
         roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.role == role))))
         return f"{len(self)} poses of {self.q.shape[1]} joints: {roles}"

@@ -321,26 +321,6 @@ class App:
         """Show the arm and the errors of a version of the model."""
         self.worker.submit("version", lambda: self.stage.version(name))
 
-    def prediction(self, name: str, shown: bool) -> None:
-        """Show or hide the points that a version of the model predicts."""
-        self.worker.submit(("prediction", name), lambda: self.stage.show_prediction(name, shown))
-
-    def pairs(self, name: str) -> None:
-        """Show the arrows of all poses, or of paired poses those before or after the change, or what it moved."""
-        self.worker.submit("pairs", lambda: self.stage.show_pairs(name))
-
-    def colouring(self, by: str) -> None:
-        """Colour the measured points by their pose's role or by their error."""
-        self.worker.submit("colouring", lambda: self.stage.colour_by(by))
-
-    def grey_rejected(self, grey: bool) -> None:
-        """Draw plane groups that were not chosen in grey, or each in its own colour."""
-        self.worker.submit("grey", lambda: self.stage.change(grey_rejected=grey))
-
-    def point_size(self, size_mm: float) -> None:
-        """Set the diameter of the drawn points, mm."""
-        self.worker.submit("point size", lambda: self.stage.scene.point_size(size_mm))
-
     def search(self, go_on: bool) -> None:
         """Continue or stop the search of the scans."""
         if go_on:

@@ -15,30 +15,24 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.html_text import escape
 from calib.present.names import ROLES
-from inspector.figures.robust_axis import robust_range, within_range
+from inspector.figures.robust_axis import within_range
 from inspector.figures.style import (
-    EDGE,
     NOWHERE,
     SELECTED_COLOUR,
-    SIGNED_SCALE,
     Part,
     agreement,
     figure,
-    listed,
     of_poses,
     of_role,
     scatter,
     shortened,
 )
-from inspector.markup.parts.colour_scale import ERROR
 from inspector.markup.parts.palette import BESIDE_COLOURS, NEUTRAL, ROLE_COLOURS
 
 SELECTED = "selected pose"
 MEDIAN = "training median"
 NOISE = "noise, 95 %"
 _MEDIAN_COLOUR = "#CC79A7"
-_SIZES = tuple(zip(np.linspace(0.0, 1.0, len(ERROR)).tolist(), ERROR, strict=True))  # as in the 3D view
-_AXIS_OF_VIEW = {"y": 1, "y2": 2}  # from above, from the side
 
 
 def residual_against(
@@ -99,61 +93,6 @@ def _line(x: Array, y: Array) -> Part:
     return scatter(MEDIAN, x, y, line=line, marker=dashes, more={"connectgaps": False})
 
 
-def place_views(
-    place_mm: ArrayLike,
-    values: ArrayLike,
-    ids: Sequence[str],
-    is_test: ArrayLike,
-    *,
-    title: str,
-    signed: bool = False,
-    selected: str | None = None,
-) -> go.Figure:
-    """Work space from above and from the side, each pose coloured by `values` (N,); `place_mm` (N, 3), base frame.
-
-    `title` names the values with their unit. Signed values are coloured symmetrically about zero.
-    """
-    place, shown = np.asarray(place_mm, dtype=float), np.asarray(values, dtype=float)
-    robust = robust_range(np.abs(shown), from_zero=True)
-    usual = np.abs(shown if robust is None else shown[~robust.wild])
-    largest = float(usual[np.isfinite(usual)].max(initial=0.0)) or 1.0
-    scale_words = "" if robust is None else f"; {int(robust.wild.sum())} beyond, up to {robust.farthest:.3g}"
-    bar = {
-        "title": {"text": escape(title + scale_words), "side": "right"}, "thickness": 10, "len": 0.9, "outlinewidth": 0,
-        "tickfont": {"size": 10}, "xpad": 4,
-    }  # fmt: skip
-    colour = {
-        "cmin": -largest if signed else 0.0, "cmax": largest, "colorscale": SIGNED_SCALE if signed else _SIZES,
-        "size": 9, "line": {"color": EDGE, "width": 0.7},
-    }  # fmt: skip
-    traces: list[Part] = []
-    for view, axis in _AXIS_OF_VIEW.items():
-        for role, rows in _roles(is_test):
-            scale = {} if traces else {"colorbar": bar, "showscale": True}
-            more = {
-                **of_poses([ids[i] for i in rows]), "text": [f"{v:.4g}" for v in shown[rows]],
-                "legendgroup": role, "showlegend": view == "y", "yaxis": view,
-            }  # fmt: skip
-            hover = (
-                f"pose %{{customdata}} ({ROLES[role]})<br>{escape(title)} %{{text}}<br>x %{{x:.0f}} mm, "
-                f"{'xyz'[axis]} %{{y:.0f}} mm"
-            )
-            marker = {**of_role(role), **colour, **scale, "color": listed(shown[rows])}
-            traces.append(
-                scatter(ROLES[role], place[rows, 0], place[rows, axis], marker=marker, hover=hover, more=more)
-            )
-        traces.append(_ring(view))
-    equal = {"scaleanchor": "x", "constrain": "domain"}
-    fig = figure(
-        traces,
-        xaxis={"title": "x of the base, mm", "anchor": "y2", "constrain": "domain"},
-        yaxis={"title": "y, mm (from above)", "domain": [0.53, 1.0], **equal},
-        margin=(56, 10, 30, 42),
-        layout={"yaxis2": {"title": "z, mm (from the side)", "domain": [0.0, 0.47], **equal}},
-    )
-    return select(fig, selected)
-
-
 def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
     """Figure with the selection ring at another pose; without a ring where the pose is not among the points."""
     name = None if pose_id is None else escape(pose_id)
@@ -163,7 +102,7 @@ def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
             continue
         ring.x, ring.y = [None], [None]
         for trace in points:
-            if (trace.yaxis or "y") == ring.yaxis and name in trace.customdata:
+            if name in trace.customdata:
                 at = list(trace.customdata).index(name)
                 ring.x, ring.y = [trace.x[at]], [trace.y[at]]
     return fig
@@ -243,6 +182,6 @@ def _roles(is_test: ArrayLike) -> list[tuple[str, IndexArray]]:
     return [(role, at) for role, at in rows if len(at)]
 
 
-def _ring(yaxis: str = "y") -> Part:
+def _ring() -> Part:
     ring = {"size": 16, "symbol": "circle-open", "color": SELECTED_COLOUR, "line": {"width": 2.5}}
-    return scatter(SELECTED, NOWHERE, NOWHERE, marker=ring, more={"showlegend": False, "yaxis": yaxis})
+    return scatter(SELECTED, NOWHERE, NOWHERE, marker=ring, more={"showlegend": False})

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.model_versions import EFFECTS, Version
+from calib.calibration.model_versions import Version
 from calib.calibration.noise_level import noise_level
 from calib.dataset.dataset import Dataset
 from calib.present.names import ROLES, instrument
 from calib.rendering import numbers
 from inspector.markup.parts import colour_scale, elements
 from inspector.markup.parts.palette import (
-    CHANGED,
     FACE_COLOURS,
     FILTER_COLOURS,
     HIGHLIGHT,
@@ -23,7 +22,7 @@ from inspector.markup.parts.palette import (
     REJECTED,
     ROLE_COLOURS,
 )
-from inspector.session.view import BY_ERROR, WORST, View, corner_of
+from inspector.session.view import WORST, View, corner_of
 
 EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
 
@@ -43,14 +42,14 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None, arrow
     search, corner = view.search, view.search.corner if view.search is not None else None
     parts = []
     if "corners" in visible and any(corner_of(view, i) for i in range(len(view.session.dataset.poses))):
-        parts.append(points_legend(view))
+        parts.append(roles_legend(view))
         if "corner" not in visible and corner_of(view, view.pose) is not None:
             parts.append(elements.legend([(HIGHLIGHT, f"selected pose, {view.pose_id}")]))
     elif "overview" in visible:
         parts.append(roles_legend(view))
     if corner is not None and visible & {"faces", "jig"}:
         parts.append(elements.legend((colour, f"face {i + 1}") for i, colour in enumerate(FACE_COLOURS)))
-    if search is not None and search.groups and view.grey_rejected and visible & {"groups", "sets"}:
+    if search is not None and search.groups and visible & {"groups", "sets"}:
         parts.append(elements.legend([(REJECTED, "plane group not chosen")]))
     if search is not None and len(search.sets) and "rejected" in visible:
         numbered = ((colour, i + 1) for i, colour in enumerate(FILTER_COLOURS))
@@ -62,22 +61,14 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None, arrow
         what = "point" if view.session.dataset.scan_folder is None else "corner"
         sigma = "" if found[1] is None else f", σ {numbers.length(float(np.sqrt(np.trace(found[1]))))}"
         parts.append(elements.legend([(HIGHLIGHT, f"this {what}{sigma}, 1σ drawn × {view.factor:g}")]))
-    if view.shows_difference and visible & {"residuals", "before"}:
-        of = [(CHANGED, "the change, measured"), (MODEL_COLOURS[EFFECTS], "what is proven (lines)")]
-        parts.append(elements.legend(of, before=f"× {view.arrows:g}, {arrows}, moved by"))
-    compared = (
-        [] if view.shows_difference else [version.name for version in view.versions if version.name in view.compared]
-    )
-    if compared and visible & {"residuals", "predicted"}:
-        if len(compared) == 1 and view.colouring != BY_ERROR:
-            parts.append(errors_legend(next(v for v in view.versions if v.name in compared), view))
-        models = ((MODEL_COLOURS[name], name) for name in compared)
+    version = view.version
+    if version is not None and visible & {"residuals", "predicted"}:
+        parts.append(errors_legend(version, view))
         worst = f"arrows × {view.arrows:g}, {arrows}: the {WORST} worst and those selected, to"
-        parts.append(elements.legend(models, before=worst))
-        before = view.version_before if "before" in visible and view.compared == {view.chosen} else None
-        if before is not None:
+        parts.append(elements.legend([(MODEL_COLOURS[version.name], version.name)], before=worst))
+        if "before" in visible and view.version_before is not None:
             parts.append(elements.legend([(MODEL_BEFORE, "the model a step before")]))
-    if view.version is not None and visible & {"arm", "floor"}:
+    if version is not None and visible & {"arm", "floor"}:
         parts.append(_of_the_base(visible))
     if view.session.dataset.robot.carries_scanner and visible & {"corners", "arm", "overview"}:
         parts.append(elements.note(on_flange(view.session.dataset)))
@@ -100,13 +91,6 @@ def _of_the_base(visible: set[str]) -> str:
     axes = (("#CC0000", "x"), ("#00CC00", "y"), ("#0000CC", "z")) if "arm" in visible else ()
     grid = ((MEASURE, "floor, 100 mm a square"),) if "floor" in visible else ()
     return elements.legend([*axes, *grid], before="base" if axes else "")
-
-
-def points_legend(view: View) -> str:
-    """HTML legend of the measured points' colours."""
-    if view.colouring != BY_ERROR or view.version is None:
-        return roles_legend(view)
-    return errors_legend(view.version, view)
 
 
 def errors_legend(version: Version, view: View) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import viser
 
@@ -29,7 +30,7 @@ from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import SECONDARY, Actions, ChangedValues, on_page, put, relist
-from inspector.panels.input_checks import clamped, one_of
+from inspector.panels.input_checks import one_of
 from inspector.session.view import FACTORS, POINT_VIEWS, SIDES, VIEW_LAYERS, VIEWS, View, corner_of
 
 LAYER_WORDS = {
@@ -112,13 +113,13 @@ class ReviewPanel:
                     self.layers[name] = gui.add_checkbox(label, name in VIEW_LAYERS[VIEWS[0]])
         with gui.add_folder("Display", expand_by_default=False):
             gui.add_button(DARK_OR_LIGHT, color="gray", hint="key: D; for this page alone, and kept by the browser")
-            self.grey = gui.add_checkbox("Grey rejected", True, hint="plane groups that were not chosen are grey")
-            self.size = gui.add_slider("Points, mm", min=0.2, max=4.0, step=0.1, initial_value=1.2)
             self.factor = gui.add_dropdown(
                 "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
                 hint="how many times larger than one standard deviation the uncertainty is drawn",
             )  # fmt: skip
         gui.add_html(elements.STYLE + elements.note(KEYS))
+        self._gui = gui
+        self._commands: list[viser.CommandHandle] = []  # of the views that the dataset has
         self._connect(gui)
 
     def _connect(self, gui: viser.GuiApi) -> None:
@@ -131,17 +132,11 @@ class ReviewPanel:
         self.box.on_click(lambda e: self._box_pressed(str(e.target.value)))
         on_page(self.keep, lambda value: a.keep_view(bool(value)))
         self.search.on_click(lambda _: self._search_pressed())
-        on_page(self.grey, lambda value: a.grey_rejected(bool(value)))
-        on_page(self.size, lambda value: a.point_size(clamped(value, 0.2, 4.0, 1.2)))
         on_page(self.factor, lambda value: a.factor(float(one_of(value, [str(f) for f in FACTORS], "1000"))))
         for name, box in self.layers.items():
             on_page(box, lambda value, name=name: a.layer(name, bool(value)))  # type: ignore[misc]
         gui.add_command("Next pose", hotkey="N", icon=viser.Icon.ARROW_RIGHT).on_trigger(lambda _: a.step(1))
         gui.add_command("Previous pose", hotkey="P", icon=viser.Icon.ARROW_LEFT).on_trigger(lambda _: a.step(-1))
-        for key, name in zip("1234567", VIEWS, strict=True):
-            gui.add_command(f"Look at: {name}", hotkey=key, icon=viser.Icon.EYE).on_trigger(  # type: ignore[arg-type]
-                lambda _, name=name: a.show_view(name)  # type: ignore[misc]
-            )
         for side in SIDES:
             gui.add_command(f"Look from: {side}", hotkey=side[0], icon=viser.Icon.CAMERA).on_trigger(  # type: ignore[arg-type]
                 lambda _, side=side: a.look_from(side)  # type: ignore[misc]
@@ -170,11 +165,24 @@ class ReviewPanel:
         """List the poses of a dataset that was just opened, and the views that have something to show."""
         has_scans = view.session.dataset.scan_folder is not None
         self._folders["Scan layers"].visible = has_scans
-        self.view.options = VIEWS if has_scans else tuple(AS_POINTS.get(name, name) for name in POINT_VIEWS)
+        views = VIEWS if has_scans else POINT_VIEWS
+        self.view.options = tuple(views if has_scans else (AS_POINTS.get(name, name) for name in views))
+        self._list_commands(views)
         for layer, of_points in LAYERS_AS_POINTS.items():
             self.layers[layer].label = LAYER_WORDS["Model layers"][layer] if has_scans else of_points
         self.layers["scanner"].label = instrument(view.session.dataset).capitalize()
         self.list_poses(view)
+
+    def _list_commands(self, views: Sequence[str]) -> None:
+        """Have a command for each of the views, and none for another."""
+        for command in self._commands:
+            command.remove()
+        self._commands = []
+        for name, label in zip(views, self.view.options, strict=True):
+            key: Any = str(VIEWS.index(name) + 1)
+            command = self._gui.add_command(f"Look at: {label}", hotkey=key, icon=viser.Icon.EYE)
+            command.on_trigger(lambda _, name=name: self._actions.show_view(name))  # type: ignore[misc]
+            self._commands.append(command)
 
     def list_poses(self, view: View) -> None:
         """List each pose with its role, and whether it is left out."""

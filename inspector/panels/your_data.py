@@ -27,7 +27,7 @@ from inspector.markup.parts.palette import FAILED
 from inspector.panels.base import SECONDARY, on_page, put
 
 OWN_DATA = "Open your own data …"
-OWN_HINT = "or drop it on the page: a robot's file with tables of joints and points, scans, a zip, or a session"
+OWN_HINT = "or drop it: robot's file, tables, scans, a zip, a session"
 OPEN = "Import and open"
 CANCEL = "Cancel"
 CHOOSE = "choose …"

@@ -16,7 +16,7 @@ from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.scans.scan import Scan
 from calib.workcell.bodies.link_mesh import LinkMesh, load_link_mesh
-from inspector.markup.legend import distance_limit_mm, error_limit_mm
+from inspector.markup.legend import distance_limit_mm
 from inspector.markup.parts import colour_scale
 from inspector.markup.parts.palette import (
     ARM,
@@ -32,7 +32,7 @@ from inspector.markup.parts.palette import (
 from inspector.scene.arm_shape import ArmShape, arm_of
 from inspector.scene.scene_view import M_PER_MM, Nodes, Pen, SceneView, to_scene
 from inspector.scene.shapes import facing, loops, unit_cylinder, unit_sphere, upright
-from inspector.session.view import BY_ERROR, View
+from inspector.session.view import View
 
 AXIS_MM = 150.0  # length of the base's axes
 AXIS_OVER = 1.2  # of a joint's length: how far the selected one's axis stands out on either side
@@ -165,12 +165,9 @@ def link_mesh(pen: Pen, part: str, mesh: LinkMesh, on_click: Callable[[], None])
 
 
 def pose_colours(view: View) -> ByteArray:
-    """Colour (N, 3) of each pose's measured point, by role or error; poses selected by a box have one of their own."""
+    """Colour (N, 3) of each pose's measured point, by role; poses selected by a box have one of their own."""
     poses = range(len(view.session.dataset.poses))
-    if view.colouring == BY_ERROR and view.version is not None:
-        colours = colour_scale.coloured(view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.ERROR)
-    else:
-        colours = np.array([rgb(pose_colour(view, pose)) for pose in poses], dtype=np.uint8)
+    colours = np.array([rgb(pose_colour(view, pose)) for pose in poses], dtype=np.uint8)
     colours[list(view.boxed)] = rgb(HIGHLIGHT)
     return colours
 

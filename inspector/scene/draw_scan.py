@@ -126,17 +126,16 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
     if search is None or visible.isdisjoint(PLANE_LAYERS):
         scene.clear(*PLANE_LAYERS)
         return
-    group_colour = group_colours(search, view.grey_rejected)
+    group_colour = group_colours(search)
     scene.draw("sets", lambda pen: _sets(pen, search, group_colour))
     scene.draw("rejected", lambda pen: _rejected(pen, search))
     scene.draw("groups", lambda pen: _groups(pen, search, group_colour))
 
 
-def group_colours(search: CornerSearch, grey: bool) -> list[str]:
-    """Colours of the plane groups: a face's colour where the group is a face, else its own colour or grey."""
+def group_colours(search: CornerSearch) -> list[str]:
+    """Colours of the plane groups: of the face that a group is, else its own; grey where it was not chosen."""
     colours = [
-        REJECTED if grey and i not in search.chosen else GROUP_COLOURS[i % len(GROUP_COLOURS)]
-        for i in range(len(search.groups))
+        REJECTED if i not in search.chosen else GROUP_COLOURS[i % len(GROUP_COLOURS)] for i in range(len(search.groups))
     ]
     for number, face in enumerate(search.corner.faces if search.corner else ()):
         if face.group >= 0:

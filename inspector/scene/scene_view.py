@@ -57,6 +57,7 @@ LAYERS = (
     "scale",
 )
 HALO = "halo"  # a part of the layer of corners
+POINT_MM = 1.2  # diameter of a scan's point
 DOWN = (0.0, 1.0, 0.0)  # in a scanner's frame, which is a camera's: y points down
 BESIDE = (0.35, -0.30, 0.0)  # of the scanner, and a little above: where looks come from
 
@@ -192,7 +193,6 @@ class SceneView:
         self._field: viser.LineSegmentsHandle | None = None
         self._drawn: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in (*LAYERS, HALO)}
         self._keys: dict[str, object] = {}  # what a layer was drawn for
-        self._point_mm = 1.2
         self.draw_instrument("scanner")
 
     def _pen(self, layer: str) -> Pen:
@@ -266,16 +266,6 @@ class SceneView:
                 client.camera.look_at = np.zeros(3)
                 client.camera.up_direction = up
 
-    def point_size(self, size_mm: float) -> None:
-        """Set the diameter of the points of all clouds."""
-        self._point_mm = size_mm
-        for layer in ("scan", "faces", "distance"):
-            for node in self._drawn[layer]:
-                if isinstance(node, viser.PointCloudHandle):
-                    node.point_size = size_mm * M_PER_MM * (1.0 if layer == "scan" else ON_FACE)
-        for other in self._overview.values():
-            other.point_size = size_mm * M_PER_MM
-
     def draw_instrument(self, noun: str, field: ScanField | None = None) -> None:
         """Draw the frame of the measuring device with its noun, and the frustum in which a scanner measures."""
         pen = self._pen("scanner")
@@ -295,7 +285,7 @@ class SceneView:
         """Draw one of many scans with few points, shaded where their normals are known."""
         kept = thin(points_mm, max(200, min(OVERVIEW_POINTS, OVERVIEW_TOTAL // max(scans, 1))))
         colours = shaded(np.array(rgb(colour)), normals[kept]) if normals is not None else rgb(colour)
-        node = self._pen("overview").points(str(index), points_mm[kept], colours, self._point_mm)
+        node = self._pen("overview").points(str(index), points_mm[kept], colours, POINT_MM)
         node.visible = index != self._hidden_overview
         self._overview[index] = node
 
@@ -336,15 +326,15 @@ class SceneView:
         rest, on_face = face_of < 0, face_of >= 0
         colours = np.array([rgb(c) for c in FACE_COLOURS], dtype=np.uint8)
         with self._server.atomic():
-            self._draw_points("scan", points[rest], rgb(SCAN), self._point_mm)
-            self._draw_points("faces", points[on_face], colours[face_of[on_face]], self._point_mm * ON_FACE)
+            self._draw_points("scan", points[rest], rgb(SCAN), POINT_MM)
+            self._draw_points("faces", points[on_face], colours[face_of[on_face]], POINT_MM * ON_FACE)
         return len(kept)
 
     def draw_distance(self, points_mm: Array, colours: ByteArray) -> None:
         """Draw points (N, 3) of the selected scan on the jig, in colours (N, 3) of their distance to its faces."""
         kept = thin(points_mm, DETAIL_POINTS)
         with self._server.atomic():
-            self._draw_points("distance", points_mm[kept], colours[kept], self._point_mm * ON_FACE)
+            self._draw_points("distance", points_mm[kept], colours[kept], POINT_MM * ON_FACE)
 
     def _draw_points(self, layer: str, points_mm: Array, colours: ArrayLike, size_mm: float) -> None:
         nodes = [self._pen(layer).points("points", points_mm, colours, size_mm)] if len(points_mm) else []

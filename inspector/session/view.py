@@ -11,7 +11,6 @@ from calib.array_types import Array
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version, fitted_version
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
-from calib.intervention.differences import PairDisplacements
 from calib.options import RESIDUAL_KINDS
 from calib.targets.search import ScanSearch
 from inspector.session.session import Session
@@ -31,10 +30,6 @@ POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
 WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
 FRONT, SIDE, TOP, RESET = "Front", "Side", "Top", "Reset"
 SIDES = (FRONT, SIDE, TOP, RESET)  # where the 3D view is looked at from
-BY_ROLE, BY_ERROR = "by role", "by error"
-COLOURINGS = (BY_ROLE, BY_ERROR)
-ALL_POSES, BEFORE, AFTER, DIFFERENCE = "all poses", "before the change", "after the change", "difference"
-PAIR_VIEWS = (BEFORE, AFTER, DIFFERENCE)  # of poses that were measured again under another condition
 WORST = 10  # poses whose residuals have an arrow, beside those selected
 FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids
 
@@ -48,13 +43,9 @@ class View:
     factor: float = 1000.0
     arrows: float = 100.0  # how many times longer residuals are drawn
     arrows_chosen: bool = False  # whether the user has chosen that; else it suits what is drawn
-    grey_rejected: bool = True
     failures: dict[str, str] = field(default_factory=dict)  # scans that could not be read, by pose id
     chosen: str = ""  # the version whose arm and errors are shown; the last where there is none of this name
-    compared: frozenset[str] = frozenset()  # the versions whose predictions are shown
-    colouring: str = BY_ROLE  # of the measured points
     boxed: tuple[int, ...] = ()  # poses in the box that was drawn over the 3D view
-    pairs: str = ALL_POSES  # which poses' arrows are shown, one of `pair_choices`
     joint: int | None = None  # the selected one, from 0
     step: int | None = None  # of `session.steps`, before the last, that the version with effects is shown after
 
@@ -67,28 +58,6 @@ class View:
     def search(self) -> CornerSearch | None:
         """Corner search of the selected pose's scan; None where it has not been searched."""
         return self.session.searches.get(self.pose_id)
-
-    @property
-    def pair_choices(self) -> dict[str, tuple[str, PairDisplacements]]:
-        """What of the paired poses may be shown, by its name on the page; {} without pairs or before a diagnosis."""
-        diagnosis = self.session.diagnosis
-        changed = [] if diagnosis is None else [one for one in diagnosis.interventions if one.displacements is not None]
-        return {
-            part if len(changed) == 1 else f"{part} ({', '.join(one.conditions)})": (part, one.displacements)
-            for one in changed
-            for part in PAIR_VIEWS
-            if one.displacements is not None
-        }
-
-    @property
-    def shown_pairs(self) -> tuple[str, PairDisplacements] | None:
-        """Which part of which pairs is shown; None where all poses are."""
-        return self.pair_choices.get(self.pairs)
-
-    @property
-    def shows_difference(self) -> bool:
-        """Whether what a change moved is shown in place of residuals."""
-        return self.shown_pairs is not None and self.shown_pairs[0] == DIFFERENCE
 
     @property
     def versions(self) -> tuple[Version, ...]:
@@ -167,18 +136,15 @@ class View:
             return self
         chosen = self.version_of_step(number)
         step = number - 1 if chosen == EFFECTS and number < len(steps) else None
-        return replace(self, step=step, chosen=chosen, compared=frozenset({chosen}))
+        return replace(self, step=step, chosen=chosen)
 
     def with_session(self, session: Session) -> View:
         """View of another session; a view of the latest version shows the latest version there, too."""
         newest = session.versions[-1].name if session.versions else ""
         before = self.session.versions[-1].name if self.session.versions else ""
-        chosen, compared = self.chosen, self.compared
-        if newest not in ("", before):
-            chosen = newest if chosen in (before, "") else chosen
-            compared = compared - {before} | {newest} if before in compared or not before else compared
+        chosen = newest if newest not in ("", before) and self.chosen in (before, "") else self.chosen
         step = self.step if _same_fits(session, self.session) else None
-        return replace(self, session=session, chosen=chosen, compared=compared, step=step)
+        return replace(self, session=session, chosen=chosen, step=step)
 
 
 def _same_fits(one: Session, other: Session) -> bool:

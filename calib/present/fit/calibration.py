@@ -51,7 +51,6 @@ from calib.rendering.blocks import (
     Block,
     Bullets,
     Facts,
-    FigurePlace,
     Paragraph,
     Presentation,
     Reference,
@@ -76,7 +75,6 @@ _MOST_OUTLIERS = 8  # outlying poses that are named
 
 @presentation.register
 def _calibration(calibration: Calibration) -> Presentation:
-    falls = FigurePlace("convergence", (calibration,), "Error at each iteration.", height_px=280)
     drawn = [(part.title, load(part.figures)(calibration)) for part in contributions(CalibrationPart)]
     return Presentation(
         f"Calibration of {calibration.dataset.name}",
@@ -84,7 +82,6 @@ def _calibration(calibration: Calibration) -> Presentation:
         [
             Section("Parameters", parameters(calibration)),
             redundancy_section(redundancy_of(calibration.dataset, residual=calibration.residual)),
-            Section("Convergence", [falls]),
             *(Section(title, figures) for title, figures in drawn),
         ],
     )

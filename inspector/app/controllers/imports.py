@@ -308,7 +308,7 @@ def corrected_mapping(
         if each.table in tables and each.meaning.name == meant.name
     }
     shown = {each.name: each.meaning for each in columns if each.meaning is not None}
-    mapping = {name: meaning for name, meaning in (shown | told).items() if name not in (column, *rivals)}
+    mapping = {name: meaning for name, meaning in {**shown, **told}.items() if name not in (column, *rivals)}
     return mapping if meant is None else {**mapping, column: meant}
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import viser
 
 from calib.array_types import Array, BoolArray
-from calib.calibration.model_versions import VERSIONS
 from calib.corners.search import CornerSearch
 from calib.errors import ScanError
 from calib.present.names import instrument
@@ -34,7 +33,7 @@ from inspector.scene.residual_arrows import ResidualArrows, fitting_arrows
 from inspector.scene.scene_view import SceneView
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Shown
-from inspector.session.view import ALL_POSES, COLOURINGS, FACTORS, POINT_VIEWS, VIEWS, corner_of
+from inspector.session.view import FACTORS, POINT_VIEWS, VIEWS, corner_of
 
 ALL_SCANS, ARM = "All scans", "Arm"
 MODEL_VIEWS = (ARM, "All corners")  # where the model's errors are seen
@@ -145,7 +144,7 @@ class SceneController:
     # ---- how it is drawn --------------------------------------------------------------------------------------------
 
     def change(self, **what: float | bool) -> None:
-        """Change how the selected pose is drawn (`View.factor`, `View.grey_rejected`)."""
+        """Change how the selected pose is drawn (`View.factor`)."""
         self._state.change(**what)
         self.draw_pose()
 
@@ -255,36 +254,17 @@ class SceneController:
         elif not self._drawn:
             draw_distance(self.scene, None, None)
 
-    def _change_versions(self, **what: float | str | frozenset[str] | None) -> None:
-        """Change how the model is drawn: `View.arrows`, `arrows_chosen`, `chosen`, `compared`, `pairs`, `colouring`."""
+    def _change_versions(self, **what: float | str | None) -> None:
+        """Change how the model is drawn: `View.arrows`, `arrows_chosen`, `chosen`."""
         self._state.change(**what)
         self.draw_versions()
 
     def version(self, name: str) -> None:
-        """Show the arm, errors and arrows of a version by its name, if there is one.
-
-        Of the arrows only those to others that the user has ticked stay.
-        """
+        """Show the arm, errors and arrows of a version by its name, if there is one."""
         view = self._state.now
         if view.version is not None and name in [version.name for version in view.versions]:
-            self._change_versions(chosen=name, compared=view.compared - {view.version.name} | {name}, step=None)
+            self._change_versions(chosen=name, step=None)
             self._panels.show_model(self._state.now)
-
-    def show_prediction(self, name: str, shown: bool) -> None:
-        """Show or hide the points that a version predicts."""
-        if name in VERSIONS:
-            compared = self._state.now.compared
-            self._change_versions(compared=compared | {name} if shown else compared - {name})
-
-    def show_pairs(self, name: str) -> None:
-        """Show all poses' arrows, or of paired poses those before or after the change, or what it moved."""
-        if name == ALL_POSES or name in self._state.now.pair_choices:
-            self._change_versions(pairs=name)
-
-    def colour_by(self, by: str) -> None:
-        """Colour the measured points by their pose's role or by their error."""
-        if by in COLOURINGS:
-            self._change_versions(colouring=by)
 
     # ---- what is selected -------------------------------------------------------------------------------------------
 
@@ -321,7 +301,7 @@ class SceneController:
         In 3D, too, where something else is looked at.
         """
         view = self._state.now.at_step(number)
-        self._state.change(chosen=view.chosen, compared=view.compared, step=view.step)
+        self._state.change(chosen=view.chosen, step=view.step)
         self.draw_versions()
         self._panels.show_model(self._state.now)
         if self._camera.name not in MODEL_VIEWS:

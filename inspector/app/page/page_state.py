@@ -37,11 +37,11 @@ class PageState:
         return self._sessions.get(name)
 
     def open(self, name: str, session: Session) -> None:
-        """Show a dataset at its first pose, with the drawing settings of its last visit; page settings stay."""
+        """Show a dataset at its first pose, with the drawing settings of its last visit."""
         view = View(Session(session.dataset))
         if self.view is not None:
             self._views[self.name] = self.view
-            view = replace(self._views.get(name, view), grey_rejected=self.view.grey_rejected)
+            view = self._views.get(name, view)
         first = replace(view, pose=0, joint=None, step=None, failures={})
         self.name, self.view = name, first.with_session(session)
         self._on_change(self.view)

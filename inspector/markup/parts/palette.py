@@ -17,7 +17,6 @@ ROLE_COLOURS = {"reference": "#A36DFB", "train": "#37859D", "test": "#D65642"}
 FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces
 GROUP_COLOURS = ("#88CCEE", "#DDCC77", "#44AA99", "#AA4499", "#999933", "#CC6677", "#117733", "#882255", "#6699CC")
 MODEL_COLOURS = {models.NOMINAL: "#C68004", models.LINKS: LINKS, models.EFFECTS: EFFECTS[0]}
-CHANGED = "#8E44AD"  # what a changed condition moved, between the poses of a pair
 MODEL_BEFORE = "#8C939C"  # thin lines of the model before the one on show
 BESIDE_COLOURS = ("#0074B5", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide

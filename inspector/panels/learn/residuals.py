@@ -1,4 +1,4 @@
-"""Tab Where it fails: the residual against any input, over the work space, and the worst poses."""
+"""Tab Where it fails: the residual against any input, and the worst poses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from calib.present.names import input_title
 from calib.rendering import html
 from calib.rendering.blocks import Section
 from calib.screening.scan_statistic import Channel
-from inspector.figures.residual_plots import place_views, residual_against, select
+from inspector.figures.residual_plots import residual_against, select
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, FollowsModel, hidden_plot, offer, on_page, put
 from inspector.panels.learn.measurements import OutlyingPoses
@@ -22,12 +22,7 @@ NOTE = (
     "or a wave, or that leave the grey band together, show what is missing. Test poses were not fitted. "
     "The plot opens on the input with the clearest pattern."
 )
-PLACES = "work space, from above and the side"
 RINGED = "Ringed: the selected pose."
-PLACES_NOTE = (
-    "Where the points were measured, in the frame of the robot's base. A corner of the work space coloured like "
-    f"no other is where the model does not hold. {RINGED}"
-)
 NONE = "–"
 NOT_YET = "Nothing to show yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 WORST = 8
@@ -39,12 +34,9 @@ class ResidualsPanel(FollowsModel):
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
         gui.add_html(elements.note(NOTE))
-        self.against = gui.add_dropdown(
-            "Against", (NONE,), hint="joint angles, torques, conditions, place, order; or the work space itself"
-        )
+        self.against = gui.add_dropdown("Against", (NONE,), hint="joint angles, torques, conditions, place, order")
         self.what = gui.add_dropdown("Show", (NONE,), hint="apparent motion: what joint k alone would have to do")
         self._plot = hidden_plot(gui, 0.75, "where it fails")
-        self._places = hidden_plot(gui, 1.35, "work space")
         self._state = gui.add_html(elements.note(NOT_YET))
         self.outliers = OutlyingPoses(gui, actions)
         self._table = gui.add_html("")
@@ -79,7 +71,7 @@ class ResidualsPanel(FollowsModel):
         pose_errors = self._pose_errors(view)
         self.outliers.update(view.session)
         if pose_errors is None:
-            self._plot.visible = self._places.visible = False
+            self._plot.visible = False
             self._table.content = ""
             if view.session.calibration is None:  # what could be chosen was another dataset's
                 self._state.content = elements.note(NOT_YET)
@@ -95,35 +87,25 @@ class ResidualsPanel(FollowsModel):
                 offer(handle, (NONE,))
         inputs = {input_title(name, robot): name for name in pose_errors.inputs}
         joints = {joint_title(j, robot): j for j in range(robot.n_joints)}
-        offer(self.against, (*inputs, PLACES))
+        offer(self.against, tuple(inputs))
         offer(self.what, (LENGTH, *AXES, *joints))
         self._suggest(view, inputs, joints)
         title, what = str(self.against.value), str(self.what.value)
-        places = title == PLACES
-        plot = self._places if places else self._plot
         drawing = (pose_errors, title, what)
         if self._drawn and pose_errors is self._drawn[0] and drawing[1:] == self._drawn[1:]:
-            plot.figure = select(plot.figure, view.pose_id)  # only another pose
+            self._plot.figure = select(self._plot.figure, view.pose_id)  # only another pose
         else:
             values, y_title, band = shown(pose_errors, what, joints.get(what), robot)
-            if places:
-                plot.figure = place_views(
-                    pose_errors.place_mm, values, pose_errors.pose_ids, pose_errors.is_test,
-                    title=y_title, signed=what != LENGTH, selected=view.pose_id,
-                )  # fmt: skip
-            else:
-                x = turned(inputs[title], pose_errors.inputs[inputs[title]], robot)
-                train = ~pose_errors.is_test
-                plot.figure = residual_against(
-                    x, values, pose_errors.pose_ids, pose_errors.is_test, x_title=title, y_title=y_title, band=band,
-                    smooth=running_median(x[train], values[train]), selected=view.pose_id,
-                )  # fmt: skip
+            x = turned(inputs[title], pose_errors.inputs[inputs[title]], robot)
+            train = ~pose_errors.is_test
+            self._plot.figure = residual_against(
+                x, values, pose_errors.pose_ids, pose_errors.is_test, x_title=title, y_title=y_title, band=band,
+                smooth=running_median(x[train], values[train]), selected=view.pose_id,
+            )  # fmt: skip
             whose = "" if view.shows_last or view.version is None else f"Of {view.version.name}. "
-            self._state.content = elements.note(
-                whose + PLACES_NOTE if places else f"{whose}{band_note(pose_errors, band)} {RINGED}"
-            )
+            self._state.content = elements.note(f"{whose}{band_note(pose_errors, band)} {RINGED}")
             self._drawn = drawing
-        self._plot.visible, self._places.visible = not places, places
+        self._plot.visible = True
         table = worst_poses(pose_errors, WORST, view.pose_id)
         self._table.content = html.panel([Section("Worst poses, mm in the instrument's frame", [table])])
 

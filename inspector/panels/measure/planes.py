@@ -66,7 +66,7 @@ def how_html(view: View) -> str:
     search = view.search
     if search is None or not len(search.sets):
         return ""
-    groups = Section(f"Plane groups ({len(search.groups)})", _group_blocks(search, view.grey_rejected))
+    groups = Section(f"Plane groups ({len(search.groups)})", _group_blocks(search))
     return panel([Section("Sample sets", [_filter_table(search)]), groups])
 
 
@@ -129,9 +129,9 @@ def _face_table(search: CornerSearch) -> Table:
     return Table(("face", "from", "points", "rms", "normal"), rows, left=(0, 1))
 
 
-def _group_blocks(search: CornerSearch, grey: bool) -> list[Block]:
+def _group_blocks(search: CornerSearch) -> list[Block]:
     """Table of the plane groups, those with most sets first, and why groups were not chosen."""
-    colours = group_colours(search, grey)
+    colours = group_colours(search)
     faces = {} if search.corner is None else {face.group: k + 1 for k, face in enumerate(search.corner.faces)}
     rows = [
         (

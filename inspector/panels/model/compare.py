@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import viser
 
@@ -20,7 +18,7 @@ from inspector.markup.parts import elements
 from inspector.markup.parts.palette import FACE_COLOURS, MODEL_COLOURS
 from inspector.panels.base import Actions, ChangedValues, on_page, put, relist
 from inspector.panels.input_checks import one_of
-from inspector.session.view import ALL_POSES, COLOURINGS, FACTORS, View
+from inspector.session.view import FACTORS, View
 
 NOTE = (
     "The same measured points against the arm as delivered, with calibrated links, and with the effects that were "
@@ -45,22 +43,11 @@ class ComparePanel:
         self.version = gui.add_dropdown(
             "Model shown", VERSIONS, hint="the version of the model whose arm and errors are shown"
         )
-        with gui.add_folder("Arrows to what these predict", expand_by_default=True):
-            self.shown = {name: gui.add_checkbox(name, False) for name in VERSIONS}
-        self.pairs = gui.add_dropdown(
-            "Paired poses",
-            (ALL_POSES,),
-            visible=False,
-            hint="of poses measured again under another condition: errors of those before or after the change alone, "
-            "or what the change moved, without geometry, instrument and tool; thin lines: what is proven",
-        )
         self.arrows = gui.add_dropdown(
             "Residuals ×", (*(str(f) for f in FACTORS), AUTOMATIC), initial_value="100",
             hint="enlargement of the residuals, drawn from measured to predicted; a number that you "
             f"choose stays, {AUTOMATIC} goes back to what suits the arrows on show",
         )  # fmt: skip
-        self.colouring = gui.add_dropdown("Measured points", COLOURINGS)
-        self._legend = gui.add_html("")
         self._pose = gui.add_html("")
         self._distance = gui.add_html("")
         self._problems = gui.add_html("")
@@ -69,34 +56,21 @@ class ComparePanel:
 
     def _connect(self, a: Actions) -> None:
         on_page(self.version, lambda value: a.version(str(value)))
-        on_page(self.colouring, lambda value: a.colouring(str(value)))
-        for name, box in self.shown.items():
-            on_page(box, partial(a.prediction, name))
-        on_page(self.pairs, lambda value: a.pairs(str(value)))
         on_page(self.arrows, lambda value: a.arrows(_factor(value)))
 
     def update(self, view: View, problems: tuple[str, ...] = ()) -> None:
         """Show everything except distances, which come with the scan; `problems` lists what cannot be drawn."""
         names = [version.name for version in view.versions]
-        for name, box in self.shown.items():
-            box.disabled = name not in names
-            self._changed.put(box, name in names and name in view.compared)
         has_scans = view.session.dataset.scan_folder is not None
         self._show.options = (SHOW_ARM, SHOW_DISTANCE) if has_scans else (SHOW_ARM,)
         relist(self.version, tuple(names or VERSIONS))
         if view.version is not None:
             self._changed.put(self.version, view.version.name)
-        choices = (ALL_POSES, *view.pair_choices)
-        relist(self.pairs, choices)
-        self.pairs.visible = len(choices) > 1
-        self._changed.put(self.pairs, view.pairs if view.pairs in choices else ALL_POSES)
         if self.arrows.value == AUTOMATIC:
             put(self.arrows, f"{view.arrows:g}")
         self._changed.put(self.arrows, f"{view.arrows:g}")
-        self._changed.put(self.colouring, view.colouring)
         table = errors_by_version(view.versions, MODEL_COLOURS) if names else None
         self._figures.content = _section(RMSE, ROLES_NOTE, table) if table else elements.note(NOT_YET)
-        self._legend.content = exaggeration(view)
         self._pose.content = pose_html(view)
         self._problems.content = "".join(elements.alert(p, colour=DOUBT) for p in problems)
 
@@ -108,16 +82,6 @@ class ComparePanel:
 def _factor(value: object) -> float | None:
     """Chosen enlargement of residuals; None for the default."""
     return None if value == AUTOMATIC else float(one_of(value, [str(f) for f in FACTORS], "100"))
-
-
-def exaggeration(view: View) -> str:
-    """HTML on the enlargement of drawn residuals; "" where none are drawn."""
-    if not any(version.name in view.compared for version in view.versions):
-        return ""
-    return elements.note(
-        f"Arrows and predicted points are drawn {view.arrows:g} times farther from the measured points than they are; "
-        "the arm is not exaggerated."
-    )
 
 
 def pose_html(view: View) -> str:

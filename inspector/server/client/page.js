@@ -46,6 +46,14 @@ const inspector = (() => {
   for (const kind of ["pointerdown", "keydown"])
     document.addEventListener(kind, () => (gesture = performance.now()), { capture: true, passive: true });
 
+  // A page that becomes a phone's, or a desk's again, is laid out anew by viser, on the first tabs: the last ones return.
+  let kept = "";
+  let laidOut = -Infinity;
+  window.matchMedia("(max-width: 36em)").addEventListener("change", () => {
+    laidOut = performance.now();
+    setTimeout(openTab, 500, kept);
+  });
+
   function tellTabs() {
     const names = tabsOnShow()
       .filter((tab) => tab.getAttribute("aria-selected") === "true")
@@ -53,6 +61,7 @@ const inspector = (() => {
       .join("/");
     if (names === told) return;
     told = names;
+    if (performance.now() - laidOut > 3000) kept = names;
     if (performance.now() - gesture < 3000) ask("tabs", names);
   }
 

@@ -257,8 +257,6 @@ def test_requests_that_no_widget_makes_are_ignored(app: App) -> None:
     app.redundancy("no such residual")
     app.calibrate("no such residual")
     app.version("no such version")
-    app.prediction("no such version", True)
-    app.colouring("by taste")
     app.select(10**9)
     app.select(-(10**9))
     idle(app)

@@ -12,7 +12,6 @@ import pytest
 from inspector.app.app import App
 from inspector.server.worker import LongWork
 from inspector.session.session import Session
-from inspector.session.view import BY_ERROR, BY_ROLE
 from tests.support.app import idle, idle_app
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
@@ -58,7 +57,7 @@ def other_effect(page: WireClient) -> str:
 
 @pytest.mark.thorough
 def test_choices_are_one_datasets(app: App, page: WireClient) -> None:
-    """Effect, residual, arrows, ellipsoids, colours, version, redundancy, and what is plotted against what."""
+    """Effect, residual, arrows, ellipsoids, version, redundancy, and what is plotted against what."""
     defaults = {
         label: page.value(label)
         for label in (
@@ -67,14 +66,13 @@ def test_choices_are_one_datasets(app: App, page: WireClient) -> None:
             "Residuals ×",
             "Ellipsoids ×",
             "Measured",
-            "Measured points",
             "Model shown",
         )
     }
     against = [page.value("Show"), app.panels.residuals.against.value]
     chosen = {
         "Effect": other_effect(page), "Fit": "pairs", "Residuals ×": "3", "Ellipsoids ×": "3",
-        "Measured": "distance", "Measured points": BY_ERROR, "Model shown": "as delivered", "Show": "x",
+        "Measured": "distance", "Model shown": "as delivered", "Show": "x",
     }  # fmt: skip
     chosen["Show"] = next(o for o in page.props("Show")["options"] if o != page.value("Show"))
     for label, value in chosen.items():
@@ -90,13 +88,11 @@ def test_choices_are_one_datasets(app: App, page: WireClient) -> None:
     with WireClient(app.server.get_port()) as other:
         assert {label: other.value(label) for label in defaults} == defaults
         assert [other.value("Show"), app.panels.residuals.against.value] == against
-    assert app.state.now.colouring == BY_ROLE
 
     open_(app, "one")
     with WireClient(app.server.get_port()) as other:
         assert {label: other.value(label) for label in defaults} == {label: chosen[label] for label in defaults}
         assert other.value("Measured") == "distance"
-    assert app.state.now.colouring == BY_ERROR
     assert app.state.now.arrows == 3.0
 
 

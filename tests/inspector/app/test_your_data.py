@@ -124,7 +124,7 @@ def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
         assert options[:3] == ["pose", "kept as it is", "left out"]
         assert {"approach6", "payload_kg", "setup"} < set(options)
         page.set("A6", "approach6")
-        page.wait(lambda p: p.props("A6")["value"] == "approach6" and "joint 3, deg, other way round" in plain(p))
+        page.wait(lambda p: p.value("A6") == "approach6" and "joint 3, deg, other way round" in plain(p))
         assert page.value("Nr") == "pose"
         page.set("A6", "joint 6, deg")
         page.wait(open_button)

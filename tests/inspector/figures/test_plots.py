@@ -11,7 +11,6 @@ import plotly.graph_objects as go
 import pytest
 
 from inspector.figures.plots import (
-    convergence,
     correlation_heatmap,
     error_history,
     outline,
@@ -20,7 +19,6 @@ from inspector.figures.plots import (
 from inspector.figures.residual_plots import (
     SELECTED,
     added_variable,
-    place_views,
     residual_against,
     select,
 )
@@ -40,18 +38,11 @@ def test_heatmap_reads_from_the_top_left() -> None:
     assert correlation_heatmap(NAMES, np.eye(5)).layout.yaxis.autorange == "reversed"
 
 
-def test_convergence_without_test_poses_and_with_an_exact_zero() -> None:
-    fig = convergence([1.0, 0.0], None)
-    assert len(fig.data) == 1
-    assert fig.data[0].y[1] is None
-
-
 def test_a_hostile_pose_name_stays_text() -> None:
     name = '<a href="http://evil.example">p1</a>'
     drawn = residual_against([1], [1], [name], [False], x_title=name, y_title=name, band=(0, 1), selected=name)
     assert "<a" not in drawn.to_json()
     assert _ringed(drawn) == [(1.0, 1.0)]
-    assert "<a" not in place_views([[1, 2, 3]], [1], [name], [False], title=name).to_json()
     bar = pose_residuals([name], ["train"], [0.1]).data[0]
     assert bar.x[0] == html.escape(name)
     assert "<" not in bar.x[0]
@@ -70,20 +61,13 @@ def _against(**more: Any) -> go.Figure:
     )  # fmt: skip
 
 
-def _place(**more: Any) -> go.Figure:
-    place = np.arange(12.0).reshape(4, 3) * 100
-    return place_views(place, [0.1, 0.2, 0.4, 0.3], IDS, IS_TEST, title="error length, mm", **more)
-
-
 def _figures() -> list[go.Figure]:
     smooth = ([1.0, 2.0, np.nan, 4.0], [0.1, 0.2, np.nan, 0.3])
     return [
         correlation_heatmap(NAMES, _pearson()),
-        convergence([1.0, 0.1], [1.0, 0.2]),
         pose_residuals(["p1"], ["train"], [0.1]),
         error_history(["as delivered", "calibrated links"], [1.0, 0.1], [1.0, np.nan], 0.05),
         _against(smooth=smooth, selected="p2"),
-        _place(signed=True, selected="p2"),
         added_variable([0.1, 0.2], [0.2, 0.1], "joint_compliance"),
     ]
 
@@ -99,7 +83,7 @@ def test_every_value_of_every_figure_is_one_that_plotly_knows_and_every_axis_has
     for fig in _figures():
         checked = go.Figure(fig.to_plotly_json())  # raises on what plotly does not know
         assert len(checked.data) == len(fig.data)
-    for fig in _figures()[4:6]:
+    for fig in _figures()[3:4]:
         titles = [axis["title"]["text"] for key, axis in fig.to_plotly_json()["layout"].items() if "axis" in key]
         assert all("mm" in title or "°" in title for title in titles)
 
@@ -115,8 +99,6 @@ def test_selection_moves_a_ring_and_nothing_else() -> None:
     assert _ringed(select(fig, "p2")) == [(2.0, 0.2)]
     assert _ringed(select(fig, "not measured")) == _ringed(select(fig, None)) == [(None, None)]
     assert [trace.to_plotly_json() for trace in fig.data if trace.name != SELECTED] == before
-    both = _place(selected="p3")
-    assert _ringed(both) == [(600.0, 700.0), (600.0, 800.0)]
     bars = pose_residuals(["p1", "p2"], ["train", "train"], [0.1, 0.2], selected="p1")
     assert list(outline(bars, "p2").data[0].marker.line.width) == [0, 2]
 
@@ -155,8 +137,6 @@ def test_a_wild_value_is_counted_and_marked_at_the_edge_and_flattens_nothing() -
     )
     assert among.layout.yaxis.range[0] > -0.25
     assert among.layout.annotations[0].text == "1 beyond, up to −14 mm"
-    place = place_views(np.zeros((10, 3)), values, ids, [False] * 10, title="error, mm")
-    assert place.data[0].marker.cmax < 0.25
 
 
 @pytest.mark.parametrize(

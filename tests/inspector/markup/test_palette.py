@@ -9,7 +9,6 @@ import pytest
 from calib.rendering.colours import CURVES, EFFECTS, LINKS, NOISE, UNEXPLAINED
 from inspector.markup.parts.palette import (
     BESIDE_COLOURS,
-    CHANGED,
     HIGHLIGHT,
     MEASURE,
     MODEL_COLOURS,
@@ -21,7 +20,6 @@ from tests.support.colour_vision import DARK, DARK_PANEL, EYES, LIGHT, contrast,
 
 DRAWN = {
     **ROLE_COLOURS, **MODEL_COLOURS, "selected": HIGHLIGHT, "grid and scale": MEASURE, "scan": SCAN,
-    "moved by a change": CHANGED,
 }  # fmt: skip
 PLOTTED = (*ROLE_COLOURS.values(), *BESIDE_COLOURS, HIGHLIGHT, MEASURE, PROPOSAL)
 

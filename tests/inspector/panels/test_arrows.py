@@ -25,8 +25,6 @@ def app(running: App) -> App:
     """The link errors with their arrows alone, as long as suits them."""
     running.version(LINKS)
     running.arrows(None)
-    for name in (NOMINAL, LINKS):
-        running.prediction(name, name == LINKS)
     assert running.worker.wait_idle(IDLE_S)
     return running
 
@@ -84,7 +82,7 @@ def test_a_wild_arrow_is_cut_and_its_length_told(app: App) -> None:
     arrows, cut = drawn_as(error, view, 1000.0)
     np.testing.assert_allclose(arrows, [[10, 0, 0], [0, 600, 0], [0, 0, 0]])
     assert cut.tolist() == [False, True, False]
-    assert longest_words({LINKS: 9.0}, 1) == "longest 9.00 mm; 1 cut"
+    assert longest_words(9.0, 1) == "longest 9.00 mm; 1 cut"
 
 
 def test_arrows_have_one_scale_and_fall_from_the_model_before(app: App, page: WireClient) -> None:
