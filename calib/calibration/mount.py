@@ -172,7 +172,7 @@ def _held_arm(
     All poses share the errors of links, within the tolerances. Their sizes, of lengths and of angles, are by which the
     residual is larger in the directions that they move it in than in others.
     """
-    columns, is_length = _arm_columns(calibration, observed, residuals, nuisance)
+    columns, is_length = arm_columns(calibration, observed, residuals, nuisance)
     every = np.concatenate([nuisance.by_parameters, nuisance.by_frames], axis=1)
     basis = orthonormal(every / np.maximum(np.linalg.norm(every, axis=0), 1e-300))
     left = residuals.residual(calibration.fit.x)
@@ -200,7 +200,7 @@ def _held_arm(
     return -follows[nuisance.by_parameters.shape[1] :] * sigmas, float(np.sqrt(noise))
 
 
-def _arm_columns(
+def arm_columns(
     calibration: Calibration, observed: Observations, residuals: PoseResiduals, nuisance: Nuisance
 ) -> tuple[Array, BoolArray]:
     """Changes (R, K) of the residual by the errors of an arm that is held, by its tolerances, and which are lengths."""

@@ -83,7 +83,11 @@ def budget_of_stages(headline: Headline) -> ErrorBudget | None:
         headline.of_test_poses,
         is_known,
         headline.reached_noise,
-        tuple(cause for cause, before, after in zip(causes, squared, squared[1:], strict=False) if after > before),
+        tuple(
+            cause
+            for cause, before, after in zip(causes, squared, squared[1:], strict=False)
+            if after > before and (headline.fits_links or cause != LINKS)
+        ),
     )
 
 

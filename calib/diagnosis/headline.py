@@ -47,6 +47,7 @@ class Headline:
     of_test_poses: bool  # else there are none, and the errors are of the poses that were fitted
     points: int = 1  # that the last stage's error is of
     tool: ToolShift | None = None  # where the tool point was found, where robot.toml has it far off
+    fits_links: bool = True  # else nothing was found of the arm itself
 
     @property
     def noise_mm(self) -> float | None:
@@ -96,7 +97,7 @@ def headline_of(calibrations: Sequence[Calibration]) -> Headline:
         inside = effects
     figures = last.after.test if of_test_poses else last.after.train
     points = 1 if figures is None else figures.points
-    return Headline(tuple(stages), noise_level(last), of_test_poses, points, last.tool_shift)
+    return Headline(tuple(stages), noise_level(last), of_test_poses, points, last.tool_shift, last.fits_links)
 
 
 def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:

@@ -121,6 +121,8 @@ def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list
         return []
     effects = "".join(f" --add {name}" for name in result.missing)
     calibrate = f"inspector calibrate {path}{effects} --out robot.toml writes the calibrated table"
+    if result.calibration.dataset.robot.is_cartesian:
+        return [f"inspector calibrate {path} tells the places and their sigmas"]
     if result.held_out_beyond_noise is None:
         return [calibrate]
     return [f"inspector plan {path} plans poses that determine the links better", calibrate]

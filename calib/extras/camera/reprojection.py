@@ -19,8 +19,6 @@ from calib.calibration.result import Calibration
 from calib.extras.camera.lens import project
 from calib.extras.camera.observed import camera_of
 from calib.extras.camera.view import View
-from calib.fitting.observations import Observations, predict_poses, with_nominal_scanner_frames
-from calib.fitting.pose_residuals import PoseResiduals
 from calib.statistics import rms
 
 
@@ -63,14 +61,6 @@ def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
         if view is not None and np.isfinite(turn).all():
             seen.append((view, str(dataset.poses.role[pose]), view.board_mm @ turn.T + place_mm))
     return tuple(ReprojectedView(view, role, project(camera.lens, camera_mm)) for view, role, camera_mm in seen)
-
-
-def full_pose_errors(calibration: Calibration) -> Array:
-    """Errors (M, 6) at the poses of a fit of full poses, predicted minus measured: mm, and rotation vectors in rad."""
-    model, x = calibration.model, calibration.fit.x
-    training = with_nominal_scanner_frames(Observations.of(calibration.fitted_dataset), model.placed_robot)
-    residuals = PoseResiduals(model, training)
-    return residuals.errors(residuals.frames_and_hand_eye(x), *predict_poses(model, x, training))
 
 
 def rms_px(views: tuple[ReprojectedView, ...]) -> float | None:

@@ -77,6 +77,8 @@ def _of_measuring(names: Sequence[str], diagnosis: Diagnosis | None) -> list[str
 
 
 def _table_to_load(table: ExportedTable, headline: Headline) -> str:
+    if table.full.model.robot.is_cartesian:
+        return "Take the places and their sigmas that inspector calibrate tells: poses of the flange tell no links."
     figures = table.errors.test if headline.of_test_poses else table.errors.train
     before = headline.stages[0].error_mm
     if figures is None or not figures.rmse_mm < before:
@@ -163,7 +165,7 @@ def plain_verdict(headline: Headline, diagnosis: Diagnosis | None) -> str:
     first, last = headlines.length(headline, first_mm), headlines.length(headline, last_mm)
     at = "at poses that only served to test it" if headline.of_test_poses else "at the measured poses"
     then = f"with all that was found put right, by {last}."
-    if last_mm > first_mm:
+    if headline.fits_links and last_mm > first_mm:
         then = f"after calibration it would be off by {last}, which is worse: do not use it."
     became = f"As delivered, the arm is off by {first} (RMS, {at}); {then}"
     return " ".join(filter(None, (became, *_causes_in_short(headline, diagnosis))))

@@ -304,10 +304,15 @@ def worsening_sentence(calibration: Calibration) -> str:
     worse = calibration.worsening
     if worse is None:
         return ""
+    told = ErrorChange(worse.role, worse.before_mm, worse.after_mm).words()
+    if calibration.dataset.is_by_camera:
+        return (
+            f"with the fitted links the board is predicted worse than with robot.toml's: {told}; --hold links finds "
+            "the camera's place for the arm as robot.toml has it"
+        )
     return (
-        "the fit is worse than robot.toml: "
-        f"{ErrorChange(worse.role, worse.before_mm, worse.after_mm).words()}; do not use it, find out why first (too "
-        "few or too similar poses for what is fitted, another residual, no prior)"
+        f"the fit is worse than robot.toml: {told}; do not use it, find out why first (too few or too similar poses "
+        "for what is fitted, another residual, no prior)"
     )
 
 

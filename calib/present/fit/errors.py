@@ -82,7 +82,7 @@ def note(headline: Headline, *, unexplained: bool = False) -> str:
             f" The tool point was found {numbers.digits(headline.tool.off_mm)} mm from where robot.toml has it: not an "
             "arm error, excluded from these figures."
         )
-    if headline.stages[-1].error_mm > headline.stages[0].error_mm:
+    if headline.fits_links and headline.stages[-1].error_mm > headline.stages[0].error_mm:
         of += " It rose: the fit is worse than robot.toml as it was, so do not use it."
     return f"{of} {_left(headline, unexplained=unexplained)}"
 

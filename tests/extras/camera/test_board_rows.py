@@ -135,14 +135,17 @@ def test_distances_that_are_seen_badly_weigh_less_and_are_told_as_no_move():
     assert found.point_sigma_mm < 0.7 * along_mm.mean()
 
 
-def test_a_board_that_creeps_is_doubted():
-    """As the world of a tracker or of visual odometry does: neighbours err alike."""
+def test_a_board_that_creeps_is_told_and_its_walk_is_no_noise():
+    """As the world of a tracker or of visual odometry does: errors add up, and every later pose has them."""
     rng = np.random.default_rng(9)
     scene = Scene.draw(rng, on_flange=True, poses=24)
     seen = scene.camera_T_board.copy()
     seen[:, :3, 3] += np.cumsum(rng.normal(size=(24, 3)), axis=0)
-    (doubt,) = settled(scene, scene.q, seen).doubts
-    assert "errors of successive poses are alike" in doubt
+    found = settled(scene, scene.q, seen)
+    (doubt,) = found.doubts
+    assert "errors of successive poses add up, by 0.7" in doubt
+    assert found.shared.shape[2]
+    assert found.point_sigma_mm < 1.0  # 2.4 where the walk is taken for noise
 
 
 def test_each_placement_of_the_camera_is_judged_by_itself():

@@ -144,6 +144,9 @@ def test_noisy_poses_with_a_mount_that_is_given_are_no_question_of_their_attitud
     assert not load_dataset(tmp_path / "out").poses.is_test.any()  # both places are nearest by all poses
     off_mm, sigma_mm = _camera_error_mm(tmp_path / "out", scene, capsys)
     assert off_mm < 3.0 * sigma_mm
+    assert main(["diagnose", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
+    assert not any(words in told for words in ("do not use it", "error rose", "--out robot.toml"))  # of an arm's table
 
 
 def test_attitudes_that_agree_with_nothing_are_refused(cells, tmp_path, capsys):

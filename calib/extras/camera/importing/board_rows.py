@@ -27,6 +27,7 @@ _CLEAR_MOVE = 2.0  # the same of a move, after which few poses are left for each
 _AS_GOOD = 1.3  # ratio of misfits up to which a simpler mistake explains them as well
 _LEAST_SHARE = 0.65  # of the rows, which have to agree
 _MOST_DEG, _MOST_SHARE = 8.0, 0.2  # errors that no arm has: of attitudes; of places, a share of the flange's spread
+_SURE_DEG, _SURE_SHARE = 2.0, 0.4  # where all attitudes agree to so much, places may err by so much
 _NEARLY_ALL = 0.9  # of the poses before and after a move
 
 
@@ -89,7 +90,8 @@ def require_agreement(dataset: Dataset, fits: Sequence[BoardHandEye], names: Seq
     share = sum(int(fit.good.sum()) for fit in fits) / sum(len(fit.good) for fit in fits)
     off_mm, off_deg = max(fit.rms_mm for fit in fits), float(np.degrees(max(fit.rms_rad for fit in fits)))
     spread_mm = float(np.linalg.norm(np.std(flange_poses(dataset)[:, :3, 3], axis=0)))
-    if share < _LEAST_SHARE or off_deg > _MOST_DEG or off_mm > _MOST_SHARE * max(spread_mm, 100.0):
+    most = _SURE_SHARE if share == 1.0 and off_deg < _SURE_DEG else _MOST_SHARE
+    if share < _LEAST_SHARE or off_deg > _MOST_DEG or off_mm > most * max(spread_mm, 100.0):
         raise CalibError(
             f"{' and '.join(names)} do not belong together: {share:.0%} of them agree, to {off_mm:.3g} mm and "
             f"{off_deg:.2g}°, where the flange spreads by {spread_mm:.3g} mm; no sign, order or zero of the joints, no "

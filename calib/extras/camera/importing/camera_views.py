@@ -15,6 +15,7 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import fit_measured
+from calib.calibration.mount import arm_columns
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses
 from calib.dataset.files.points_csv import points_frame
 from calib.dataset_import.columns import Meaning
@@ -37,10 +38,12 @@ from calib.extras.camera.importing.board_rows import (
 )
 from calib.extras.camera.importing.intrinsics import load_lens
 from calib.extras.camera.importing.pose_files import marker_poses
+from calib.extras.camera.importing.pose_noise import noise_of_poses
 from calib.extras.camera.lens import LENS_NAMES
 from calib.extras.camera.observed import NAME, CameraViews
-from calib.extras.camera.reprojection import full_pose_errors
 from calib.extras.camera.view import covariance_of, shared_errors
+from calib.fitting.observations import Observations, with_nominal_scanner_frames
+from calib.fitting.pose_residuals import PoseResiduals
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 from calib.progress import OnProgress
@@ -56,10 +59,9 @@ _CLEAR = 3.0  # ratio of misfits from which another reading of a marker's poses 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII)  # names that a file can have everywhere
 _EXPLAINED = 0.35  # of the misfit, which a size that explains it leaves at the most
 _HELPS = 0.8  # the same of a size that explains a part, in place and at most poses
-_LEAST_VARIANCES = np.array([[1e-6], [3e-10]])  # mm^2, rad^2
-_SIGMA_ROUNDS = 4
+_LEAST_SIGMAS = np.repeat([1e-3, 2e-5], 3)  # mm, rad
+_NOISE_ROUNDS = 3
 _WAY_ROUNDS = 3  # in which a board is taken one way up or the other
-_ALIKE, _FEWEST_ALIKE = 0.5, 20  # correlation of successive poses' errors, and poses, that are no chance
 
 
 @dataclass(frozen=True)
@@ -365,42 +367,51 @@ def settled_camera(
 def _with_noise_of_fit(
     given: CameraPoints, to_fit: Callable[[CameraPoints], Dataset], fits: Sequence[BoardHandEye]
 ) -> CameraPoints:
-    """Board poses with the covariances that a fit of links, camera and board leaves; of the table's, without one.
+    """Board poses with the noise that a fit of links, camera and board leaves; of the table's, without one.
 
-    A camera sees a board's distance and tilt worse than its place across the sight and its turn about it, often many
-    times: each of the four has a variance of its own. They weigh by those of the round before, and share the degrees
-    of freedom by their numbers. A sigma of places that was told stays.
+    A sigma of places that was told stays.
     """
-    sight = given.camera_T_board[:, :3, 3] / np.linalg.norm(given.camera_T_board[:, :3, 3], axis=1, keepdims=True)
-    along = np.einsum("mi,mj->mij", sight, sight)
-    each = [max(fit.rms_mm for fit in fits), max(fit.rms_rad for fit in fits)]  # across and along the sight alike
-    variances = np.repeat(np.square(each)[:, None] / 3.0, 2, axis=1)
-    told_mm, alike = given.point_sigma_mm, 0.0
-    for _ in range(_SIGMA_ROUNDS):
-        variances = np.maximum(variances, _LEAST_VARIANCES)
-        if told_mm is not None:
-            variances[0] = told_mm**2
-        parts = [across * np.eye(3) + (deep - across) * along for across, deep in variances]
-        covariance = np.zeros((len(along), 6, 6))
-        covariance[:, :3, :3], covariance[:, 3:, 3:] = parts
-        given = replace(given, covariance=covariance)
+    sigmas = np.array([max(fit.rms_mm for fit in fits), max(fit.rms_rad for fit in fits)]) / np.sqrt(3.0)
+    unit = np.maximum(np.repeat(sigmas, 3), _LEAST_SIGMAS)
+    plain = replace(given, covariance=np.broadcast_to(np.diag(unit**2), given.covariance.shape))
+    given, noise = plain, None
+    for _ in range(_NOISE_ROUNDS):
         try:
             fitted = fit_measured(to_fit(given), FitOptions("pose"))
         except CalibError:
             break
-        errors = full_pose_errors(fitted).reshape(-1, 2, 3)
-        alike = max(float(np.sum(one[1:] * one[:-1]) / np.sum(one**2)) for one in np.moveaxis(errors, 1, 0))
-        share = errors.size / max(fitted.fit.degrees_of_freedom, 1)
-        deep = np.einsum("mki,mi->mk", errors, sight) ** 2
-        variances = share * np.stack([0.5 * (np.sum(errors**2, axis=-1) - deep), deep], axis=-1).mean(axis=0)
-    sigma_mm, sigma_rad = np.sqrt(variances @ [2.0, 1.0] / 3.0).tolist()
-    if alike > _ALIKE and len(along) >= _FEWEST_ALIKE:
+        model, x = fitted.model, fitted.fit.x
+        observed = Observations.of(replace(fitted.fitted_dataset, points=to_fit(plain).points))
+        observed = with_nominal_scanner_frames(observed, model.placed_robot)
+        residuals = PoseResiduals(model, observed)
+        at = residuals.nuisance(x)
+        by_held, is_length = np.zeros((6 * len(at.error), 0)), np.zeros(0, dtype=bool)
+        if not fitted.fits_links:
+            by_held, is_length = arm_columns(fitted, observed, residuals, at)
+        by_links, by_frames, by_held = (
+            unit[:, None] * part.reshape(len(at.error), 6, -1) for part in (at.by_parameters, at.by_frames, by_held)
+        )
+        errors = at.error - by_links @ (x - model.means)
+        noise = noise_of_poses(
+            given.camera_T_board, errors, by_frames, by_links * model.scales, (by_held, is_length),
+            sigma_mm=given.point_sigma_mm,
+        )  # fmt: skip
+        given = replace(given, covariance=noise.covariance, shared=noise.shared)
+    if noise is None:
+        return replace(
+            given, point_sigma_mm=given.point_sigma_mm or float(unit[0]), orientation_sigma_deg=np.degrees(unit[3])
+        )
+    if noise.step.any():
         doubt = (
-            f"errors of successive poses are alike (correlation {alike:.2f}): board or camera creeps, or the clocks of "
-            "arm and camera differ; the camera's place is less certain than told: measure standing, in mixed order"
+            f"errors of successive poses add up, by {noise.step[0]:.2g} mm and {np.degrees(noise.step[1]):.3f}° from "
+            "one to the next: board or camera creeps, or the clocks of arm and camera differ; the camera's place "
+            "allows for it, and is the better for poses in mixed order, measured standing"
         )
         given = replace(given, doubts=(*given.doubts, doubt))
-    return replace(given, point_sigma_mm=told_mm or sigma_mm, orientation_sigma_deg=float(np.degrees(sigma_rad)))
+    sigma_mm, sigma_rad = np.sqrt(noise.variances.reshape(2, 2) @ [2.0, 1.0] / 3.0).tolist()
+    return replace(
+        given, point_sigma_mm=given.point_sigma_mm or sigma_mm, orientation_sigma_deg=float(np.degrees(sigma_rad))
+    )
 
 
 def _doubted_size(dataset: Dataset, fits: Sequence[BoardHandEye], given: CameraPoints) -> str | None:
