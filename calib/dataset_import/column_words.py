@@ -49,6 +49,19 @@ MEANINGS = {
     }.items()
 }
 """Spellings, without signs and units, of columns that poses.csv and points.csv have, too."""
+POLAR = {
+    kind: listed(words)
+    for kind, words in {
+        "azimuth": "azimuth az azimuthangle hz hzangle ha horizontal horizontalangle horizontalwinkel richtung azimut "
+        "azimutwinkel azimutal 水平角 方位角",
+        "zenith": "zenith zenithangle vz zenit zenitwinkel zenitdistanz zénith 天顶角 天頂角",
+        "elevation": "elevation elevationangle el altitude höhenwinkel hoehenwinkel élévation 仰角 高度角",
+        "height": "v va vertical verticalangle vertikalwinkel",
+        "distance": "distance dist d range slopedistance slopedist sd schrägdistanz schrägstrecke strecke distanz "
+        "entfernung radius r 斜距 距离 距離",
+    }.items()
+}
+"""Spellings of the angles and the distance by which total stations and trackers tell a point."""
 SERIES = (  # joints that some makers name and do not number
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),

@@ -135,8 +135,8 @@ def own_pose_columns(names: Sequence[str]) -> Triple | None:
     """
     places = {stem: (of["x"], of["y"], of["z"]) for stem, of in _by_stem(names).items() if len(of) == 3}
     sets = [
-        columns
-        for name, columns in (places | {each[0]: each[:3] for each in _numbered_poses(names)}).items()
+        (x, y, z)
+        for name, (x, y, z) in (places | {c[0]: (c[0], c[1], c[2]) for c in _numbered_poses(names)}).items()
         if is_called(name, "own", apart=False)
         and not is_called(name, "commanded", "rate", "no place", "label", apart=False)
     ]

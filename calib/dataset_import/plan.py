@@ -20,7 +20,8 @@ from calib.dataset_import.convention import Sheet, has_known_unit, settled, with
 from calib.dataset_import.drives import drives_in_words
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.measured import MeasuredPoses
-from calib.dataset_import.place_columns import has_poses, own_pose_columns
+from calib.dataset_import.place_columns import Triple, has_poses, own_pose_columns
+from calib.dataset_import.polar_places import with_places
 from calib.dataset_import.pose_names import files_of_rows, matched
 from calib.dataset_import.questions import (
     Question,
@@ -49,6 +50,7 @@ from calib.dataset_import.reading import (
     require_near_spread,
     require_poses,
     rows_of_points,
+    with_clear_reading,
 )
 from calib.dataset_import.sources import ImportSource
 from calib.dataset_import.tool_offset import with_tool_offset
@@ -264,6 +266,7 @@ class _Planning:
         self.robot_file = sources.robots[0].robot if sources.robots else None
         self.asked: list[Question] = []
         self.told_bad: list[str] = []
+        self.readings: list[Triple] = []  # columns of a point that was told by angles and a distance
 
     def plan(self, content: Content | None = None, preview: Dataset | None = None) -> ImportPlan:
         """Plan with what was found so far, which has faults where there is no content."""
@@ -302,6 +305,9 @@ class _Planning:
             )
         if table is None:
             return self.plan()
+        table, of_joints = with_places(table)
+        other, of_points = (None, []) if other is None else with_places(other)
+        self.readings = of_points or of_joints
         wants_points = same and not sources.scans and sources.measured is None
         self.joints = recognised(report, table, sources.mapping, positions=wants_points)
         if other is not None:
@@ -428,7 +434,8 @@ class _Planning:
         names = [f"q{k + 1}" for k in range(n)]
         columns = [joints.meant.columns[name] for name in names]
         near = None if seen is None else point_of_each_pose(len(q_file), seen, self.row_of)
-        units, how = joint_units(report.robot, q_file, [column.unit for column in columns], near)
+        is_open = len(self.readings) > 1
+        units, how = joint_units(report.robot, q_file, [column.unit for column in columns], None if is_open else near)
         if len(q_file) > 1 and not np.ptp(q_file, axis=0).any():
             raise DatasetError(
                 f"{joints.path}: the joints are the same in all {len(q_file)} rows: nothing can be learned from them; "
@@ -446,6 +453,11 @@ class _Planning:
         q = told[0].robot.robot.joints_of(commanded)
         if not sources.tables:
             require_poses(report, joints, q)
+        if seen is not None and is_open:
+            points = with_clear_reading(report, points, self.readings, q, self.row_of)
+            self.joints, self.points = (joints, points) if self.points is not None else (points, None)
+            joints, seen = self.joints, point_values(report, points, needed=True)
+            near = None if seen is None else point_of_each_pose(len(q), seen, self.row_of)
         sheet, off = None, 1.0
         setups = joints.cells("setup")
         if seen is not None and near is not None:

@@ -23,9 +23,9 @@ from calib.dataset_import.columns import (
     numbered_joints,
     recognise,
 )
-from calib.dataset_import.place_columns import has_poses, own_pose_columns, point_groups
+from calib.dataset_import.place_columns import Triple, has_poses, own_pose_columns, point_groups
 from calib.dataset_import.pose_names import SAME_NAMES, comparable_id, matched
-from calib.dataset_import.units import length_unit
+from calib.dataset_import.units import length_unit, misfit_share
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
@@ -42,6 +42,7 @@ _WHOLE = 0.01  # by which the shares of such a sum may miss whole numbers
 _RECORDED = 300  # rows, from which a table may be a recording
 _SMALL_STEP = 0.05  # of the whole motion, between two rows of a recording
 _SAME_JOINT = 1e-3  # deg, rad, mm, up to which readings are of one pose
+_CLEAR = 3.0  # ratio of misfits from which one reading of angles and distances is clearly the right one
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
 
 
@@ -238,7 +239,8 @@ def _several(table: UserTable) -> str:
     own = own_pose_columns(table.columns)
     if len(groups) < 2 and own is None:
         return ""
-    first = next(iter(groups.values())) if groups else own or ()
+    first = next(iter(groups.values()), own)
+    assert first is not None
     typed = " ".join(f"--map '{name}={axis}'" for name, axis in zip(first, "xyz", strict=True))
     if len(groups) < 2:
         return f"; {first[0]} ... are named as the pose that a controller computes; if measured, say so by {typed}"
@@ -540,6 +542,30 @@ def point_of_each_pose(count: int, seen: Array, row_of: Sequence[int]) -> Array:
     rows = np.asarray(row_of, dtype=int)[::-1]
     out[rows[rows >= 0]] = seen[::-1][rows >= 0]
     return out
+
+
+def with_clear_reading(
+    report: ImportReport, points: MeantTable, readings: Sequence[Triple], q: Array, row_of: Sequence[int]
+) -> MeantTable:
+    """Table of points with the columns of that reading of angles and distances which the arm meets.
+
+    q: (N, n) rad, mm. A fault is reported where no reading stands out.
+    """
+    assert report.robot is not None
+    shares = []
+    for names in readings:
+        seen = np.column_stack([points.table.numbers(name, lambda _: None) for name in names])
+        shares.append(misfit_share(report.robot, q, point_of_each_pose(len(q), seen, row_of)))
+    best, second, *_ = np.argsort(shares)
+    if not shares[second] > _CLEAR * shares[best]:
+        report.fault(
+            f"{points.path}: its angles and distances may be meant in several ways, and the arm does not tell which; "
+            "export x, y, z"
+        )
+    columns = dict(points.meant.columns)
+    columns |= {axis: replace(columns[axis], name=name) for axis, name in zip("xyz", readings[best], strict=True)}
+    every = {name for names in readings for name in names}
+    return points.with_columns(columns, [name for name in points.meant.rest if name not in every])
 
 
 def points_unit(report: ImportReport, points: MeantTable, near: Array, q: Array) -> tuple[str, str, float]:

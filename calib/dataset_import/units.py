@@ -43,22 +43,24 @@ def _angle_unit(robot: Robot, values: Array, named: Sequence[str], points: Array
     if not turning.size or np.nanmax(np.abs(turning)) > _RADIANS_AT_MOST:
         return "deg"
     if points is not None and len(points) >= 6 and "rad" not in named and "deg" not in named:
-        misfit = {unit: _misfit(robot, values, unit, points) for unit in ANGLES_RAD}
+        scales = {unit: np.where(robot.is_revolute, scale, 1.0) for unit, scale in ANGLES_RAD.items()}
+        misfit = {unit: misfit_share(robot, values * scale, points) for unit, scale in scales.items()}
         # Where the arm explains neither, because a sign or the robot is wrong, small numbers are likelier radians.
         return "deg" if misfit["deg"] < _CLEARLY * misfit["rad"] else "rad"
     return "rad"
 
 
-def _misfit(robot: Robot, values: Array, unit: str, points: Array) -> float:
-    """Misfit of the nominal arm to the points, at the best scale, for angles in a unit."""
-    q = values * np.where(robot.is_revolute, ANGLES_RAD[unit], 1.0)
+def misfit_share(robot: Robot, q: Array, points: Array) -> float:
+    """Misfit of the nominal arm to points (N, 3) at the best scale, as a share of their spread.
+
+    q  # (N, n) rad, mm
+    """
     known = np.isfinite(q).all(axis=1) & np.isfinite(points).all(axis=1)
     mine, seen = target_points(robot, q[known]), points[known]
-    spread = _spread(mine)
-    if spread == 0.0 or _spread(seen) == 0.0:
+    if _spread(mine) == 0.0 or _spread(seen) == 0.0:
         return np.inf
-    scaled = mine * (_spread(seen) / spread)
-    return rms(apply(best_fit_transform(scaled, seen), scaled) - seen)
+    scaled = mine * (_spread(seen) / _spread(mine))
+    return rms(apply(best_fit_transform(scaled, seen), scaled) - seen) / _spread(seen)
 
 
 def length_unit(robot: Robot, q: Array, points: Array) -> tuple[str, float]:

@@ -9,20 +9,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from calib.dataset_import.columns import are_names, end_in_joint, length_column, recognise
+from calib.dataset_import.polar_places import polar_columns
 from calib.dataset_import.sources import ImportSource
 from calib.errors import CalibError
 from calib.plugins import contributions, load
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.robot_formats.robot_form import forms_of, rank_of
 from calib.text_files.column_names import ANGLES_RAD, plain, split_unit
-from calib.text_files.records import ARRAYS, RECORDS, SPREADSHEETS, sheets
+from calib.text_files.records import ARRAYS, RECORDS, SPREADSHEETS, YAML, sheets
 from calib.text_files.text_file import decoded
 from calib.text_files.user_table import UserTable, load_table, parse_table
 
 _MOST_FILES = 10_000
 _HEAD_BYTES = 16_384  # of a file, by which it is judged
-_TABLES = (".csv", ".tsv", ".txt", ".dat")
-_RECORD_EACH = (".json", ".txt", ".csv", ".dat", ".npz", ".npy")
+_TABLES = (".csv", ".tsv", ".txt", ".dat", ".src")
+_RECORD_EACH = (".json", ".yaml", ".txt", ".csv", ".dat", ".npz", ".npy")
 _RECORD_BYTES = 20_000  # of a file with one record, at the most
 _CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npy", ".npz", ".las", ".laz")
 _MESHES = (".stl", ".obj")  # scans where nothing else can be
@@ -152,11 +153,11 @@ def _judged(path: Path) -> UserFile:
             found: UserFile = load(source.judged)(path)
             return found
     suffix = path.suffix.lower()
-    if suffix in (".yaml", ".yml"):
+    if suffix in YAML:
         try:
             read_origin_yaml(path)
         except CalibError:
-            return UserFile(path, UNUSED, "holds no joint origins")
+            return _judged_records(path)
         return UserFile(path, ROBOT, "joint origins")
     if suffix in _TABLES:
         return _judged_text(path)
@@ -243,7 +244,11 @@ def _judged_table(path: Path, table: UserTable) -> UserFile:
         return _without_header(path, table)
     meant = recognise(table.columns, None, {})
     has_joints = "q1" in meant.columns or bool(meant.faults)
-    has_points = all(axis in meant.columns for axis in "xyz") or length_column(meant) is not None
+    has_points = (
+        all(axis in meant.columns for axis in "xyz")
+        or length_column(meant) is not None
+        or bool(polar_columns(table.columns))
+    )
     if not has_joints and not has_points:
         has_joints, has_points = _described(table)
     has_joints = has_joints or (has_points and end_in_joint(table.columns))

@@ -14,6 +14,7 @@ def listed(text: str) -> tuple[str, ...]:
 _SPELLINGS = {
     "deg": "deg degree degrees ° grad degré degrés degre degres gradi grados 度",
     "rad": "rad radian radians radiant 弧度 ラジアン",
+    "gon": "gon gons",
     "mm": "mm millimeter millimeters millimetre millimetres millimètres 毫米 ミリ",
     "m": "m meter metre meters metres mètre mètres 米",
     "cm": "cm",
@@ -27,6 +28,7 @@ UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling i
 """Spellings of units, and the name of each unit in this program."""
 LENGTHS_MM = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
 ANGLES_RAD = {"deg": math.radians(1.0), "rad": 1.0}
+GON_RAD = math.pi / 200.0
 MOST_CHARACTERS = 200  # of a column name that is parsed
 _UNIT = re.compile(
     r"^(?P<name>.*?)(?:[\s_]*[\[(\uff08\u3010]\s*(?P<bracket>[^\])\uff09\u3011]+?)\s*[\])\uff09\u3011]"

@@ -24,10 +24,12 @@ from calib.text_files.text_file import read_text
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 ARRAYS = (".npz", ".npy")
 JSON_LINES = (".jsonl", ".ndjson")
+YAML = (".yaml", ".yml")
 RECORDS = (*SPREADSHEETS, *ARRAYS, ".json", *JSON_LINES)
 """Suffixes of the files that are read as rows of cells."""
 _MOST_UNPACKED = 200_000_000  # bytes of a workbook, which is a zip
 _MOST_ROWS = 200_000
+_MOST_YAML_BYTES = 20_000_000
 _FEWEST_CELLS = 3  # filled in a row of a table; titles above it have fewer
 _JOINTS = re.compile(r"(actual|measured|current|get)*(q|qpos|angles?|joints?(pos|positions?|angles?|states?|values?)?)")
 _END_IN_JOINTS = ("q", "joints", "jointpositions", "jointangles", "state", "qpos")  # behind what they are of
@@ -35,6 +37,9 @@ _PLACES = ("position", "positions", "translation", "xyz", "point", "pos")  # nam
 _TURNS, _QUATERNION = ("orientation", "rotation", "quaternion", "quat"), ("w", "x", "y", "z")
 _NAMES = ("name", "names", "joint_names")
 _LIST = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
+_ENTRY = re.compile(r"([AE][1-6]|[XYZABC])\s+([-+.\dEe]+)")  # of a position of KUKA's
+_POSITION = r"\{[\s,]*(?:(?:[AE][1-6]|[XYZABCST])\s+[-+.\dEe]+[\s,]*)+\}"
+_DECLARED = re.compile(rf"\s*(?:[A-Za-z]\w*\s+)*(?:X?(?P<name>\w+)\s*=\s*)?(?P<position>{_POSITION})")
 
 Rows = list[list[str]]
 
@@ -48,8 +53,8 @@ def table_file(path: Path) -> tuple[Path, str]:
 
 
 def is_records(path: Path) -> bool:
-    """Whether a path names a spreadsheet, one of its sheets, JSON, or arrays of NumPy."""
-    return table_file(path)[0].suffix.lower() in RECORDS
+    """Whether a path names a spreadsheet, one of its sheets, JSON, YAML, or arrays of NumPy."""
+    return table_file(path)[0].suffix.lower() in (*RECORDS, *YAML)
 
 
 def read_records(path: Path) -> Rows:
@@ -133,7 +138,10 @@ def _cell(value: Any) -> str:
 
 
 def content_of(path: Path) -> Any:
-    """Content of a JSON file, a list of its lines', or of NumPy's arrays as lists. Raises DatasetError."""
+    """Content of a JSON or YAML file, a list of its lines' or documents', or of NumPy's arrays. Raises DatasetError."""
+    if path.suffix.lower() in YAML:
+        documents = yaml_documents(path)
+        return documents[0] if len(documents) == 1 else documents
     if path.suffix.lower() in ARRAYS:
         try:
             if path.stat().st_size > MOST_BYTES:
@@ -149,6 +157,33 @@ def content_of(path: Path) -> Any:
         return json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
         raise DatasetError(f"{path}: cannot be read as JSON ({error}); one object a pose in a list is needed") from None
+
+
+def yaml_documents(path: Path) -> list[Any]:
+    """Documents of a YAML file, several where --- part them. Raises DatasetError."""
+    text = read_text(path, missing="name a file of records", kind="YAML", most_bytes=_MOST_YAML_BYTES)
+    try:
+        import yaml
+    except ImportError:
+        raise DatasetError(
+            f"{path}: YAML needs PyYAML, which is not installed: pip install 'robot-calibration-inspector[sheets]'"
+        ) from None
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
+        """Safe loader that takes OpenCV's matrices as maps, and refuses aliases, by which small files grow huge."""
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.events.AliasEvent):
+                raise yaml.YAMLError("aliases (*name) are not read")
+            return super().compose_node(parent, index)
+
+    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, True))
+    if text.startswith("%YAML:"):  # OpenCV's own way of writing the version
+        text = text.partition("\n")[2]
+    try:
+        return [one for one in yaml.load_all(text, Loader) if one is not None]
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path}: is no YAML that can be read: {' '.join(str(error).split())[:200]}") from None
 
 
 def records_in(content: Any) -> list[Any]:
@@ -241,6 +276,16 @@ def list_columns(names: Sequence[str], rows: Sequence[list[str]]) -> tuple[list[
     """Columns whose cells are lists of numbers, such as [0.1, 0.2], as a column each, named as those of records."""
     lists: dict[int, list[list[str]]] = {}
     for k in range(len(names)):
+        if rows and all(re.fullmatch(_POSITION, row[k]) for row in rows):
+            entries = [dict(_ENTRY.findall(row[k])) for row in rows]
+            keys = list(dict.fromkeys(key for each in entries for key in each))
+            units = ["mm" if key in "XYZ" else "deg" for key in keys]
+            named = [f"{key} [{unit}]" for key, unit in zip(keys, units, strict=True)]
+            more = [
+                [*row[:k], *(each.get(key, "") for key in keys), *row[k + 1 :]]
+                for row, each in zip(rows, entries, strict=True)
+            ]
+            return list_columns([*names[:k], *named, *names[k + 1 :]], more)
         if rows and all(_LIST.fullmatch(row[k]) for row in rows):
             found = [re.split(r"[,;\s]+", row[k][1:-1].strip()) for row in rows]
             if len({len(each) for each in found}) == 1 and len(found[0]) > 1:
@@ -253,3 +298,15 @@ def list_columns(names: Sequence[str], rows: Sequence[list[str]]) -> tuple[list[
         for i, row in enumerate(rows)
     ]
     return (flat, cells) if len(flat) == len(cells[0]) else (list(names), list(rows))
+
+
+def declared_positions(text: str) -> list[tuple[int, list[str]]]:
+    """Rows of the positions in a program or data list of KUKA, each with its line, below their names; [] of none.
+
+    Of positions by joints and by places those are taken that are more.
+    """
+    found = [(k, match) for k, line in enumerate(text.splitlines(), 1) if (match := _DECLARED.match(line))]
+    by_joints = [(k, match) for k, match in found if "A1" in match["position"]]
+    kept = by_joints if 2 * len(by_joints) >= len(found) else [each for each in found if each not in by_joints]
+    rows = [(k, [match["name"] or f"line {k}", match["position"]]) for k, match in kept]
+    return [(0, ["name", "position"]), *rows] if len(rows) > 1 else []

@@ -16,7 +16,7 @@ from calib.errors import DatasetError
 from calib.rendering.numbers import natural_order
 from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows
 from calib.text_files.layout import PLAIN_NUMBERS, NumberStyle, header_of, number_style, separator_of, without_comments
-from calib.text_files.records import content_of, is_records, list_columns, read_records, rows_of
+from calib.text_files.records import content_of, declared_positions, is_records, list_columns, read_records, rows_of
 from calib.text_files.text_file import read_text
 
 Naming = Callable[[Sequence[str]], bool]
@@ -171,6 +171,8 @@ def parse_table(
     """Parse a user's table from text; `path` names it in errors. Otherwise as `load_table`."""
     if not text.strip():
         raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
+    if positions := declared_positions(text):
+        return _table_of(path, positions, fault)
     separator = separator_of(text)
     text = without_comments(text, separator)
     if separator == " ":

@@ -62,6 +62,21 @@ def a_file_each(folder: Path) -> list[str]:
     return ["--joints", str(folder / "*.json")]
 
 
+def program(folder: Path) -> list[str]:
+    axes = [", ".join(f"A{k + 1} {value:.6f}" for k, value in enumerate(q)) for q in DEG]
+    lines = [f"DECL E6AXIS XP{k}={{{each},E1 0.0}}" for k, each in enumerate(axes, 1)]
+    (folder / "run.dat").write_text("\n".join(["DEFDAT RUN", *lines, "ENDDAT"]))
+    return ["--joints", str(folder / "run.dat"), "--points", text(folder / "p.csv", ["Name,X,Y,Z"], [IDS, *POINTS.T])]
+
+
+def yaml_records(folder: Path) -> list[str]:
+    pairs = zip(Q.tolist(), POINTS.tolist(), strict=True)
+    (folder / "cal.yaml").write_text("\n".join(f"- {{joints: {q}, position: {p}}}" for q, p in pairs))
+    return ["--joints", str(folder / "cal.yaml")]
+
+
+DISTANCE = np.linalg.norm(POINTS, axis=1)
+ZENITH, EAST_TO_NORTH = np.arccos(POINTS[:, 2] / DISTANCE), np.arctan2(POINTS[:, 1], POINTS[:, 0])
 IDS = [f"P{k}" for k in range(1, 37)]
 BOTH = [*DEG.T, *POINTS.T]
 LIST = "[{}]".format
@@ -165,6 +180,18 @@ POSES: dict[str, Form] = {
         }
     ),
     "a JSON file a pose": a_file_each,
+    "YAML records": yaml_records,
+    "a data list of KUKA": program,
+    "total station, from north, gon": beside(
+        ["Name,Hz [gon],V [gon],Distance [m]"],
+        [IDS, (np.pi / 2 - EAST_TO_NORTH) % (2 * np.pi) * 200 / np.pi, ZENITH * 200 / np.pi, DISTANCE / 1e3],
+        number="{:.9f}",
+    ),
+    "tracker, azimuth and elevation": one(
+        [",".join([*J, "Azimuth", "Elevation", "Distance"])],
+        [*DEG.T, EAST_TO_NORTH, np.pi / 2 - ZENITH, DISTANCE],
+        number="{:.9f}",
+    ),
     "Universal Robots by name": one(
         ["Base [deg],Shoulder [deg],Elbow [deg],Wrist 1 [deg],Wrist 2 [deg],Wrist 3 [deg],x,y,z"], BOTH
     ),
@@ -180,6 +207,10 @@ USUAL = (
     "laser tracker of Leica",
     "German record",
     "sheet with merged cells",
+    "YAML records",
+    "a data list of KUKA",
+    "total station, from north, gon",
+    "tracker, azimuth and elevation",
 )
 
 
@@ -189,6 +220,10 @@ def test_public_forms_are_imported_without_a_mapping(name: str, tmp_path: Path) 
 
 
 REFUSED = {
+    "angles that the arm does not tell": (
+        one([",".join([*J, "Azimuth", "Elevation", "Distance"])], [*DEG.T, *np.zeros((2, 36)), DISTANCE]),
+        "may be meant in several ways",
+    ),
     "no names": (one([], [*POINTS.T, *NOMINAL.T, *DEG.T]), "write a line of names above them"),
 }
 

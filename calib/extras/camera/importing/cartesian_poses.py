@@ -43,7 +43,7 @@ def table_of_arm(
     path = choice.flange_poses or joints
     beside = path or choice.marker_poses
     assert beside is not None
-    if path is not None and path.suffix.lower() not in SUFFIXES:
+    if path is not None and (path.suffix.lower() not in SUFFIXES or "*" in path.name):
         table = load_table(path, lambda _: None, any_encoding=True)
         is_of_flange = choice.flange_poses is not None or _has_no_joints(table, robot, mapping)
         return ArmTable(table, tuple(readings_of(table)) if is_of_flange else ())

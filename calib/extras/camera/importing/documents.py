@@ -10,11 +10,9 @@ import numpy as np
 from calib.array_types import Array
 from calib.errors import CalibError
 from calib.extras.camera.lens import opencv
-from calib.text_files.records import content_of
-from calib.text_files.text_file import read_text
+from calib.text_files.records import content_of, yaml_documents
 
 SUFFIXES = (".yaml", ".yml", ".json", ".xml")
-_MOST_BYTES = 20_000_000
 _DEEPEST = 30
 
 
@@ -22,33 +20,7 @@ def documents(path: Path) -> list[Any]:
     """Documents of a file, several where YAML's --- part them. Raises CalibError."""
     if path.suffix.lower() == ".json":
         return [content_of(path)]
-    text = read_text(path, missing="name a file of a lens or of poses", kind="YAML", most_bytes=_MOST_BYTES)
-    return [_by_opencv(path)] if path.suffix.lower() == ".xml" else _yaml(path, text)
-
-
-def _yaml(path: Path, text: str) -> list[Any]:
-    try:
-        import yaml
-    except ImportError:
-        raise CalibError(
-            f"{path}: YAML needs PyYAML, which is not installed: pip install 'robot-calibration-inspector[camera]'"
-        ) from None
-
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-        """Safe loader that takes OpenCV's matrices as maps, and refuses aliases, by which small files grow huge."""
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.events.AliasEvent):
-                raise yaml.YAMLError("aliases (*name) are not read")
-            return super().compose_node(parent, index)
-
-    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, True))
-    if text.startswith("%YAML:"):  # OpenCV's own way of writing the version
-        text = text.partition("\n")[2]
-    try:
-        return [one for one in yaml.load_all(text, Loader) if one is not None]
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise CalibError(f"{path}: is no YAML that can be read: {' '.join(str(error).split())[:200]}") from None
+    return [_by_opencv(path)] if path.suffix.lower() == ".xml" else yaml_documents(path)
 
 
 def _by_opencv(path: Path) -> Any:
