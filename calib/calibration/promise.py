@@ -4,9 +4,11 @@ Predicted minus measured of such a pose has, per coordinate, the variance
 
     noise + parameters and frame + discrepancy.
 
-The first two are those of the linearised fit. The discrepancy is learned from training poses that are left out with
-their nearest neighbours in joint space, 1, 2, 4 ... poses at a time: what the model misses is alike at neighbouring
-poses, so that a pose left out alone is still half known by them. The error of a pose i left out with a group G is
+The first two are those of the linearised fit; of learned curves the parameters are what the fitted poses show, and what
+the curves do between these is as uncertain as their prior says. The discrepancy is learned from training poses that are
+left out with their nearest neighbours in joint space, 1, 2, 4 ... poses at a time: what the model misses is alike at
+neighbouring poses, so that a pose left out alone is still half known by them. The error of a pose i left out with a
+group G is
 
     e_G = (1 - H_GG)^-1 r_G,   of covariance noise (1 - H_GG)^-1 where nothing is missed,
 
@@ -21,6 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +33,12 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.noise_level import FIT, noise_level
+from calib.calibration.pose_errors import directions_at
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
+from calib.effects.state import RobotState
 from calib.fitting.discrepancy import Discrepancy, distances
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points
@@ -116,7 +121,9 @@ def promised_at_points(fit: FitUncertainty, dataset: Dataset, evaluation: Evalua
     fitted = ~poses.is_test[observed.points.pose]
     if evaluation.is_outlier is not None:
         fitted &= ~evaluation.is_outlier[observed.points.pose]
-    rows = _rows(fit, replace(observed, scanner_T_base=evaluation.scanner_T_base), fitted)
+    placed = replace(observed, scanner_T_base=evaluation.scanner_T_base)
+    rows = _rows(fit, placed, fitted)
+    rows = replace(rows, root_mm=np.concatenate([rows.root_mm, _of_unseen_curves(fit, placed)], axis=2))
     missed = fit.discrepancy.variance_mm2(poses.q)[observed.points.pose]
     variance = np.sum(rows.root_mm**2, axis=2) + np.einsum("mii->mi", rows.noise_mm2) + missed[:, None]
     is_new_place = ~np.isin(observed.setup, observed.setup[fitted])
@@ -195,6 +202,31 @@ def _rows(fit: FitUncertainty, observed: Observations, fitted: BoolArray) -> _Ro
             block[rows] = of_frame
             own.append(block)
     return _Rows(np.concatenate([columns @ covariance_root(fit.covariance), *own], axis=2), noise)
+
+
+@runtime_checkable
+class _Curve(Protocol):
+    """An effect that moves a joint by a curve, of which its parameters are what the fitted poses show."""
+
+    joint: int
+
+    def unseen_variance(self, state: RobotState) -> Array:
+        """Variance (N,), rad^2, of the rest of the curve at N poses."""
+        ...
+
+
+def _of_unseen_curves(fit: FitUncertainty, observed: Observations) -> Array:
+    """Changes (M, 3, C) of the observed points by one sigma of what each of C curves does where no fitted pose was."""
+    curves = [effect for effect in fit.model.effects if isinstance(effect, _Curve)]
+    if not curves:
+        return np.zeros((len(observed.points), 3, 0))
+    assert observed.scanner_T_base is not None
+    scanner_R_base = frames_by_name(observed.scanner_T_base, observed.setup)[:, :3, :3]
+    directions = directions_at(fit.model, fit.x, observed, scanner_R_base)
+    poses, row = observed.used_poses
+    state = fit.model.state(fit.x, poses, observed.seen("jig"))
+    moved = [directions[one.joint] * np.sqrt(one.unseen_variance(state))[row][:, None] for one in curves]
+    return np.stack(moved, axis=2)
 
 
 @dataclass(frozen=True)

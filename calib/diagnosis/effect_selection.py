@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import accumulate, chain
 from typing import TypeVar
 
 import numpy as np
@@ -94,6 +94,11 @@ class FitStep(Brief):
     def laws(self) -> FoundLaws | None:
         """Laws of joints that explain the fit's residual, searched on first access; None if there are none."""
         return laws_given(self.calibration)
+
+
+def evidence_on_the_way(steps: Sequence[FitStep]) -> list[float]:
+    """Log evidence of all effects up to each step of a search."""
+    return list(accumulate(0.0 if step.candidate is None else step.candidate.log_evidence for step in steps))
 
 
 def first_step(calibration: Calibration) -> FitStep:

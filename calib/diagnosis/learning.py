@@ -7,12 +7,11 @@ a law. They take the place of curves, and of the effects that came after that mo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import accumulate
 
 from calib.calibration.plausibility import beyond_nature, implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import is_convincing, predicts_worse
-from calib.diagnosis.effect_selection import FitStep, couplings_given, selected_curves
+from calib.diagnosis.effect_selection import FitStep, couplings_given, evidence_on_the_way, selected_curves
 from calib.diagnosis.model_diagnosis import diagnosis_of_model, with_learned
 from calib.diagnosis.moves import AddCurves, SearchEnd, Tell
 from calib.diagnosis.result import Diagnosis
@@ -54,19 +53,13 @@ def learned_to_add(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> AddC
 # ---- laws -----------------------------------------------------------------------------------------------------------
 
 
-def _evidence_on_the_way(diagnosis: Diagnosis) -> list[float]:
-    """Log evidence of all effects up to each step of a search."""
-    gains = [0.0 if step.candidate is None else step.candidate.log_evidence for step in diagnosis.steps]
-    return list(accumulate(gains))
-
-
 def _laws(diagnosis: Diagnosis) -> _Laws | None:
     """The most likely laws at any model of a search, of the later model where they are about as likely; None for none.
 
     Laws do not come before an effect of the catalogue that explains as much of the same residual.
     """
     best: _Laws | None = None
-    way = _evidence_on_the_way(diagnosis)
+    way = evidence_on_the_way(diagnosis.steps)
     for k in reversed(range(len(diagnosis.steps))):
         step = diagnosis.steps[k]
         found = step.laws
@@ -86,7 +79,7 @@ def _take_their_place(laws: _Laws, curves: LearnedCurves | None, diagnosis: Diag
     if curves is None:
         return True
     found = LearnedCurves(laws.found.members, laws.found.log_evidence)
-    return explains_as_much(found, laws.log_evidence - _evidence_on_the_way(diagnosis)[-1], curves)
+    return explains_as_much(found, laws.log_evidence - evidence_on_the_way(diagnosis.steps)[-1], curves)
 
 
 def _with_laws(space: SearchSpace, diagnosis: Diagnosis, laws: _Laws) -> AddCurves | None:

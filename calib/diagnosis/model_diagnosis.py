@@ -10,13 +10,13 @@ from calib.calibration.held_out import held_out_test
 from calib.calibration.promise import learned_discrepancy
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import equivalent_to, led_rivals
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, evidence_on_the_way
 from calib.diagnosis.moves import PartlyConfounded, SearchEnd, next_effect, straight_steps
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, without_one
 from calib.diagnosis.verdict import ConfoundedSet, HangingEffect, LearnedModel
 from calib.screening.candidates import Candidate, Screening, screening_of
-from calib.screening.curves.law_search import FoundLaws
+from calib.screening.curves.law_search import MIN_FIRST_GAIN, FoundLaws
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text, is_law
 from calib.screening.left_out import far_test_poses
 from calib.screening.leverage import pose_that_carries
@@ -24,6 +24,7 @@ from calib.screening.noise_likelihood import scatter_of_repeats
 from calib.screening.noise_search import AddedEffect, EstimatedNoise, first_unproven
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
+from calib.screening.smooth_motions import JointFault, smooth_motion
 
 
 def diagnosis_of_model(
@@ -47,6 +48,8 @@ def diagnosis_of_model(
     if left_out:
         tests = replace(tests, outlier_poses=tuple(dict.fromkeys([*left_out, *tests.outlier_poses])))
     straight = straight_steps(space, steps)
+    if tests.fault is None and len(straight) > 1:
+        tests = replace(tests, fault=_curve_in_their_place(straight))
     diagnosis = Diagnosis(
         steps=straight,
         all_tests=tests,
@@ -73,6 +76,20 @@ def diagnosis_of_model(
     return replace(
         diagnosis, no_more_than_drift=_no_more_than_drift(diagnosis, weighed), hanging=_first_hanging(weighed)
     )
+
+
+def _curve_in_their_place(steps: Sequence[FitStep]) -> JointFault | None:
+    """Smooth motion of one joint over one angle that clearly leads all effects added in its place; None for none.
+
+    Waves and tilts follow a good part of whatever joint errs with an angle; the right ones leave a curve no lead.
+    """
+    way = evidence_on_the_way(steps)
+    for told, step in zip(way[:-1], steps, strict=False):
+        assert step.screening is not None
+        found = smooth_motion(step.screening.projected, of_one_angle=True)
+        if found is not None and told + found.log_evidence > way[-1] + MIN_FIRST_GAIN:
+            return found
+    return None
 
 
 _Weighed = Sequence[tuple[Candidate, Screening]]

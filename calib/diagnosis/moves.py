@@ -52,6 +52,7 @@ from calib.screening.residual_tests import is_of_noises_size
 from calib.screening.smooth_motions import slow_course
 
 MAX_TRIED_AHEAD = 4  # contenders that are tried with a successor
+MOST_BY_MASSES = 25.0  # nats behind the best, up to which doubtful masses may make an effect of load the better one
 MAX_REFUSED = 3  # effects that are tried in a step
 MAX_PARTS = 3  # joints of an effect whose part another effect may explain better
 MIN_OVER_SELECTED = 6.0  # log Bayes factor of an effect over one in the model, from which it takes that one's place
@@ -201,9 +202,13 @@ def _addition(
         first = screening.candidates[0]
         if slow_course(screening.projected, first) > first.log_evidence + MIN_LOG_BAYES_FACTOR:
             return SearchEnd(left_to_curves=True)
+    screening = _ranked_by_doubtful_masses(space, step, screening)
     best, second, contenders = rank_candidates(screening)
     log_bayes_factor = best.log_evidence - second.log_evidence if second is not None else None
-    if contenders:
+    special = _special_case_with_another(space, step, screening, best)
+    if special is not None:
+        best, second, log_bayes_factor = special, best, None
+    elif contenders:
         tell(f"looking one step ahead of {', '.join(c.name for c in contenders)}")
         ahead = _look_ahead(space, step, contenders)
         if ahead is None and not can_stand_for(best, contenders[1:], screening.projected.dof):
@@ -223,6 +228,30 @@ def _addition(
     if predicts_worse(trial, fitted, scatter=MAX_WORSENING) or beyond_nature(fitted):
         selected, fitted = (*step.selected, SelectedEffect.of(best)), trial
     return AddEffect(best, log_bayes_factor, runner_up, selected, fitted)
+
+
+def _ranked_by_doubtful_masses(space: SearchSpace, step: FitStep, screening: Screening) -> Screening:
+    """Ranking in which effects of load have the evidence that masses and centres of mass off by their sigmas give them.
+
+    An effect that follows the load by robot.toml's masses leaves their errors to a rival that follows load otherwise.
+    """
+    best = screening.candidates[0]
+    rivals = [
+        c
+        for c in screening.candidates
+        if best.overlaps.get(c.name, 0.0) > MIN_CONFOUNDED_OVERLAP
+        and best.log_evidence - c.log_evidence < MOST_BY_MASSES
+        and is_convincing(c)
+    ]
+    gains: dict[str, float] = {}
+    for one in (best, *rivals) if rivals else ():
+        trial = space.fit((*step.selected, SelectedEffect.of(one)), step.calibration)
+        doubts = project_residual(trial).nuisance
+        gains[one.name] = 0.0 if doubts is None else max(doubts.log_evidence, 0.0)
+    if not any(gains.values()):
+        return screening
+    given = [replace(c, log_evidence=c.log_evidence + gains.get(c.name, 0.0)) for c in screening.candidates]
+    return replace(screening, candidates=tuple(sorted(given, key=lambda c: -c.log_evidence)))
 
 
 def _in_place_of(other: AddEffect, best: Candidate, refused: Refusal) -> AddEffect | SearchEnd:
@@ -279,10 +308,28 @@ def _look_ahead(
     return (best, second, float(log_bayes_factor)) if leads else None
 
 
-def _best_beside(space: SearchSpace, step: FitStep, candidate: Candidate) -> float:
-    """Log evidence of the best convincing effect beside a candidate; 0 where nothing convincing comes after it."""
+def _best_beside(space: SearchSpace, step: FitStep, candidate: Candidate, without: str = "") -> float:
+    """Log evidence of the best convincing effect beside a candidate; 0 where nothing convincing comes after it.
+
+    without: an effect that is none of these.
+    """
     trial = space.fit((*step.selected, SelectedEffect.of(candidate)), step.calibration)
-    return next((c.log_evidence for c in space.screen(trial).candidates if is_convincing(c)), 0.0)
+    after = _without(space.screen(trial), [without]).candidates
+    return next((c.log_evidence for c in after if is_convincing(c)), 0.0)
+
+
+def _special_case_with_another(
+    space: SearchSpace, step: FitStep, screening: Screening, best: Candidate
+) -> Candidate | None:
+    """Special case of the best candidate that leaves it no clear lead, with another effect beside; None for none.
+
+    An effect that has simpler ones as its limits follows two of these at once, in members of its own.
+    """
+    special = next((c for c in screening.candidates if c.name in best.family.contains and is_convincing(c)), None)
+    if special is None:
+        return None
+    together = special.log_evidence + _best_beside(space, step, special, without=best.name)
+    return special if together > best.log_evidence - EQUIVALENT_LOG_BAYES_FACTOR else None
 
 
 def _outweighs_curves_with_a_second(space: SearchSpace, step: FitStep, first: Candidate) -> bool:

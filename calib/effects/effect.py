@@ -29,6 +29,7 @@ import re
 from abc import ABC
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, ClassVar, Literal, Protocol, TypeGuard, get_args, runtime_checkable
 
 import numpy as np
@@ -174,6 +175,8 @@ class CatalogueEffect(ABC):
     of: ClassVar[PartOf] = "arm"  # what its cause is a part of
     changes_arm: ClassVar[bool] = False  # whether it is another before and after a pose; later poses are as the last
     members_of: ClassVar[Literal["joints", "revolute joints", "cell"]] = "joints"  # what the family has one member for
+    orders: ClassVar[Sequence[int]] = ()  # harmonics, of which each joint has a member each
+    is_sparse: ClassVar[bool] = False  # whether few of the members carry it
     grows_with_angle: ClassVar[bool] = False  # whether it follows the size of one joint's angle, as a part of much does
 
     def __init_subclass__(cls) -> None:
@@ -203,13 +206,14 @@ class CatalogueEffect(ABC):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect for a dataset's robot and conditions; marked as untestable if data are missing.
 
-        As it stands it has a member for each joint, each revolute joint, or one for the whole cell (`members_of`).
+        As it stands it has a member for each joint, each revolute joint, or one for the whole cell (`members_of`), and
+        for each of its `orders`.
         """
         robot = dataset.robot
         joints = range(robot.n_joints) if cls.members_of == "joints" else robot.revolute_joints
         make: Any = cls  # its fields are those of a dataclass
-        members = (make(),) if cls.members_of == "cell" else tuple(make(joint) for joint in joints)
-        return Family(cls.name, members)
+        places = [()] if cls.members_of == "cell" else product(joints, cls.orders) if cls.orders else zip(joints)
+        return Family(cls.name, tuple(make(*place) for place in places), sparse=cls.is_sparse)
 
 
 _CATALOGUE = "calib.effects.catalogue."

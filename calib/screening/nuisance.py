@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array, Vector
+from calib.calibration.calibrate import UNTOLD_TOOL_KG
 from calib.dataset.dataset import Poses
 from calib.effects.effect import Effect, apply_values, corrects_robot
+from calib.effects.gravity import tells_tool_mass
 from calib.effects.state import RobotState
 from calib.fitting.model import point_by_state
 from calib.fitting.position_residuals import PositionResiduals
@@ -23,7 +25,7 @@ from calib.kinematics.robot import Joint, MeasuredLoad, Robot
 from calib.kinematics.statics import uncertain_loads
 
 MASS_SHARE = 0.3  # prior sigma of a link's and of a payload's mass over itself
-UNLISTED_KG = 0.3  # prior sigma of a tool's mass that robot.toml does not list, such as cables
+UNLISTED_KG = 0.3  # prior sigma of what a tool whose mass is told weighs besides, such as cables
 CENTRE_MM = 30.0  # prior sigma per coordinate of a centre of mass
 REPORTED_EVIDENCE = 3.0  # log evidence from which they are reported to explain a part of the residual
 _FEWEST_FREE = 10  # degrees of freedom outside the columns, from which these alone give the noise
@@ -129,7 +131,8 @@ def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
                 yield _with_joint(robot, k, replace(joint, com_mm=com_mm)), poses
     tool = robot.tool
     tool_point_mm = (tool.a_mm * float(np.cos(tool.theta_rad)), tool.a_mm * float(np.sin(tool.theta_rad)), tool.d_mm)
-    mass_kg = (1.0 + MASS_SHARE) * (tool.mass_kg or 0.0) + UNLISTED_KG
+    unlisted_kg = UNLISTED_KG if tells_tool_mass(robot, poses.payload_kg) else UNTOLD_TOOL_KG
+    mass_kg = (1.0 + MASS_SHARE) * (tool.mass_kg or 0.0) + unlisted_kg
     hangs_at_mm = tool.com_mm if tool.mass_kg else tool_point_mm
     yield replace(robot, tool=replace(tool, mass_kg=mass_kg, com_mm=hangs_at_mm)), poses
     if poses.payload_kg is not None and np.any(poses.payload_kg):

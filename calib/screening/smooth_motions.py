@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -40,14 +41,16 @@ class JointFault:
     visible_mm: float  # rms over the measured points of what the motion does beyond what a fit absorbed
 
 
-def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
+def smooth_motion(projected: ProjectedResidual, *, of_one_angle: bool = False) -> JointFault | None:
     """Smooth error motion of the likeliest joint over its own angle or the first three joints'; or None.
 
     Gaussian processes of two correlation lengths over each; the evidence is of all together. None where no joint shows.
+
+    of_one_angle: over the angle of any one joint instead.
     """
     poses = projected.residuals.observed.used_poses[0]
-    robot = projected.state.robot
-    revolute = [j for j in range(robot.n_joints) if robot.joints[j].is_revolute]
+    revolute = projected.state.robot.revolute_joints
+    own = {joint: [_over_angles(poses.q[:, [joint]], length_rad) for length_rad in _OWN_RAD] for joint in revolute}
     arm = poses.q[:, [j for j in revolute if j < 3]]
     spans = [_over_angles(arm, length_rad) for length_rad in _ARM_RAD] if arm.shape[1] else []
     directions = joint_directions(projected)
@@ -55,7 +58,7 @@ def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
     for joint in revolute:
         if not np.any(directions[joint]):
             continue
-        for span in (*spans, *(_over_angles(poses.q[:, [joint]], length_rad) for length_rad in _OWN_RAD)):
+        for span in chain.from_iterable(own.values()) if of_one_angle else (*spans, *own[joint]):
             columns = projected.motion_columns(directions[joint], _USUAL * span)
             tried.append((evidence_of(-projected.residual, columns, projected.dof), joint, span))
     if not tried:

@@ -7,7 +7,10 @@ Causes that a recording's own diagnosis names are looked for beside them.
 Each cause is then fitted to each recording by itself, values v_r with covariance C_r. A recording r confirms a cause
 where its values lie in the direction v of all others' mean: t = v' C_r^-1 v_r / sqrt(v' C_r^-1 v) is normal with unit
 variance where r has nothing of it, however the others came by v. A cause comes back where two recordings or more
-confirm it, and all values agree.
+confirm it, and all values agree; and where all recordings together call for it, each by itself leaves its class open,
+and all values agree and lie on one side. A class is what the data do not tell apart: effects with nearly as much
+evidence, and those confounded where masses are not known. Where values do not agree, the recordings contradict each
+other; one that agrees and confirms nothing merely says less.
 """
 
 from __future__ import annotations
@@ -40,6 +43,8 @@ from calib.validation.comparison import CameraShift, camera_shifts
 
 CONFIRMED = 0.01
 """p-value of a cause in one recording, given the others, up to which it confirms them."""
+ONE_SIDED = 1.0
+"""Sigmas by which the values of each recording lie on the side of the others' where all leave a class open."""
 AGREE = 0.01  # p-value of all values being one and the same, over all causes told, below which some disagree
 SHOWN = 0.01  # p-value of there being nothing of a cause in all recordings, up to which it is told
 MIN_EVIDENCE = 7.0
@@ -48,6 +53,7 @@ MOST_EFFECTS = 4
 _WIDE = 5.0  # times the prior sigma by all recordings: the values of one recording are its own
 
 Verdict = Literal["repeats", "differs", "too little data"]
+Answer = Literal["confirms", "contradicts", "says less"]
 
 
 @dataclass(frozen=True)
@@ -62,16 +68,19 @@ class RepeatedCause:
     sigmas: tuple[float | None, ...]
     found_in: tuple[str, ...] = field(metadata={"key": "in"})  # recordings that confirm it
     agree: bool  # whether all its values are one and the same within their sigmas
+    says: tuple[Answer, ...]  # each recording of it, beside the others
+    one_sided: bool = field(metadata={"key": None})  # whether each recording's values lie on the side of the others'
     common: tuple[float, float]  # weighted mean of the values, and its sigma
     called_for: bool  # by all recordings together; else by the diagnosis of one alone
-    alike: tuple[str, ...]  # effects that explain all recordings together nearly as well
+    alike: tuple[str, ...]  # effects of the same class, which the recordings do not tell from it
     is_of_arm: bool  # False: of the instrument or the target, and may be another one each time
-    named_alone: tuple[str, ...]  # recordings whose own diagnosis names the effect
+    named_alone: tuple[str, ...]  # recordings whose own diagnosis has an effect of its class, open or not
 
     @property
     def comes_back(self) -> bool:
-        """Whether at least two recordings confirm it, and none contradicts."""
-        return self.agree and len(self.found_in) > 1
+        """Whether two recordings confirm it, or all leave it open on one side, and none contradicts."""
+        left_open = self.called_for and self.one_sided and len(self.named_alone) == len(self.says)
+        return self.agree and (len(self.found_in) > 1 or left_open)
 
 
 @dataclass(frozen=True)
@@ -143,9 +152,8 @@ class _CommonEffect:
     @classmethod
     def whole(cls, family: Family) -> _CommonEffect:
         """All members of an effect, of their usual sizes."""
-        return cls(
-            family.name, family.members, {full_name(m, p): p.scale for m in family.members for p in m.parameters}
-        )
+        prior = {full_name(m, p): p.scale for m in family.members for p in m.parameters}
+        return cls(family.name, family.members, prior, family.confounded_with)
 
     @classmethod
     def of(cls, family: Family, evidence: Evidence, alike: tuple[str, ...]) -> _CommonEffect:
@@ -188,7 +196,7 @@ def _common_effects(fits: Sequence[Calibration]) -> list[_CommonEffect]:
             break
         best, family = each[0]
         near = [other.name for e, other in each[1:] if e.log_evidence > best.log_evidence - MIN_LOG_BAYES_FACTOR]
-        chosen.append(_CommonEffect.of(family, best, tuple(near)))
+        chosen.append(_CommonEffect.of(family, best, tuple(dict.fromkeys([*near, *family.confounded_with]))))
     return chosen
 
 
@@ -275,6 +283,9 @@ def _row(
     value = np.sum([one.values / np.diag(one.covariance) for one in known], axis=0) / weight
     k = int(np.argmax(np.abs(value) * np.sqrt(weight)))
     joint = getattr(member, "joint", None)
+    beside = [_sigmas_beside_others(estimates, number) for number in range(len(names))]
+    confirms = [0.5 * math.erfc(sigmas / math.sqrt(2.0)) <= CONFIRMED for sigmas in beside]
+    agree = _agree(known, mean, len(effect.members))
     return RepeatedCause(
         cause=effect.name,
         joint=None if joint is None else int(joint) + 1,
@@ -282,13 +293,17 @@ def _row(
         unit=member.parameters[k].unit,
         values=tuple(None if one is None else float(one.values[k]) for one in estimates),
         sigmas=tuple(None if one is None else float(np.sqrt(one.covariance[k, k])) for one in estimates),
-        found_in=tuple(name for number, name in enumerate(names) if _confirms(estimates, number)),
-        agree=_agree(known, mean, len(effect.members)),
+        found_in=tuple(name for name, confirmed in zip(names, confirms, strict=True) if confirmed),
+        agree=agree,
+        says=tuple("contradicts" if not agree else "confirms" if one else "says less" for one in confirms),
+        one_sided=min(beside) > ONE_SIDED,
         common=(float(value[k]), float(weight[k] ** -0.5)),
         called_for=called_for,
         alike=effect.alike,
         is_of_arm=part_of(member) == "arm",
-        named_alone=tuple(name for name, own in zip(names, alone, strict=True) if effect.name in own),
+        named_alone=tuple(
+            name for name, own in zip(names, alone, strict=True) if {effect.name, *effect.alike} & set(own)
+        ),
     )
 
 
@@ -316,16 +331,16 @@ def _mean(estimates: Sequence[_Estimate]) -> _Estimate:
     return _Estimate(covariance @ along, covariance)
 
 
-def _confirms(estimates: Sequence[_Estimate | None], number: int) -> bool:
-    """Whether one recording's values lie significantly in the direction of the others' mean."""
+def _sigmas_beside_others(estimates: Sequence[_Estimate | None], number: int) -> float:
+    """Sigmas by which one recording's values lie in the direction of the others' mean; 0 where there are no others."""
     own = estimates[number]
     others = [one for k, one in enumerate(estimates) if k != number and one is not None]
     if own is None or not others:
-        return False
+        return 0.0
     direction = _mean(others).values
     along = own.information @ direction
     size = math.sqrt(max(float(direction @ along), 0.0))
-    return size > 0.0 and 0.5 * math.erfc(float(along @ own.values) / size / math.sqrt(2.0)) <= CONFIRMED
+    return float(along @ own.values) / size if size > 0.0 else 0.0
 
 
 def _is_shown(mean: _Estimate) -> bool:

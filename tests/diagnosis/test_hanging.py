@@ -28,7 +28,7 @@ def with_one_heavy_pose(push_mm: float) -> Dataset:
 
 
 def test_a_cause_that_one_pose_carries_is_suspected_and_the_pose_is_told() -> None:
-    found = diagnose(with_one_heavy_pose(0.45))
+    found = diagnose(with_one_heavy_pose(1.2))
     assert (found.verdict, found.missing, found.suspected) == ("unexplained", (), ("nonlinear_stiffness",))
     assert found.hanging.pose == "p21_run1"
     assert "only pose p21_run1 speaks for nonlinear stiffness" in plain(verdict(found))

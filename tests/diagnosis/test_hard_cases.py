@@ -19,6 +19,7 @@ from calib.effects.catalogue.joints import AsymmetricScale, TransmissionError
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset
 from tests.support.changed import with_poses
+from tests.support.engine.cases import Case as SecondCase
 from tests.support.engine.cases import simulate as second
 from tests.support.engine.classes import cases as second_cases
 from tests.support.sweeps import sweep
@@ -60,6 +61,19 @@ def test_arms_of_the_second_engine(kind: str, number: int, seed: int, missing: s
     found = diagnose(of_second(kind, number, seed))
     assert (set(found.missing), set(found.ambiguous_set)) == (missing, left_open), found.summary()
     assert found.suspected == ()
+
+
+@pytest.mark.slow
+def test_two_causes_are_no_friction_that_follows_both() -> None:
+    found = diagnose(second(SecondCase("pair", ("backlash", "joint_scale"), 0, 3)).dataset)
+    assert {*found.missing, *found.suspected} == {"backlash", "joint_scale"}, found.summary()
+
+
+@pytest.mark.slow
+def test_a_curve_over_a_neighbours_angle_is_no_wobble() -> None:
+    """The angle of joint 2 turns joint 1, as no wave does."""
+    found = diagnose(second(SecondCase("tanh", ("steep_coupling",), 6, 2, poses=40, sigmas=(6.0,))).dataset)
+    assert (found.verdict, found.missing) == ("unexplained", ()), found.summary()
 
 
 @pytest.mark.slow

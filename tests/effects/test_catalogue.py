@@ -35,17 +35,16 @@ from tests.support.changed import with_poses, with_xyz
 from tests.support.fit_cases import label, rich_dataset, some_of
 
 DATASET = rich_dataset()
-UNHEATED = with_poses(DATASET, temperature_c=None)
 
 
-MEMBERS = [member for family in (*effects_for(DATASET), family_of(UNHEATED, "warm_up")) for member in some_of(family)]
+MEMBERS = [member for family in effects_for(DATASET) for member in some_of(family)]
 
 
 def test_the_catalogue_is_what_is_described_and_all_of_it_runs_here() -> None:
     families = effects_for(DATASET)
     assert tuple(family.name for family in families) == catalogue_names()
     assert {family_name(member) for member in MEMBERS} == set(catalogue_names())
-    assert {family.name for family in families if family.why_not and not family.never_testable} <= {"warm_up"}
+    assert {family.name for family in families if family.why_not and not family.never_testable} == set()
     assert all(isinstance(m, ShapedEffect) for family in families if family.sparse for m in family.members)
     assert {"joint_step", "joint_dent", "high_harmonic", "cable_drag"} < {f.name for f in families if f.sparse}
     assert all(family_name(member) == family.name for family in families for member in family.members)

@@ -41,8 +41,7 @@ from tests.support.fit_cases import (
 )
 
 DATASET = rich_dataset()
-UNHEATED = with_poses(DATASET, temperature_c=None)
-MEMBERS = [member for family in (*effects_for(DATASET), family_of(UNHEATED, "warm_up")) for member in some_of(family)]
+MEMBERS = [member for family in effects_for(DATASET) for member in some_of(family)]
 
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)

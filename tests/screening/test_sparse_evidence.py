@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 
 from calib import calibrate, screen
-from calib.effects.catalogue import effects_for, family_of
+from calib.effects.catalogue import effects_for
 from calib.effects.effect import Family
 from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
 from calib.screening.member_columns import member_columns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 from calib.screening.sparse_evidence import RARITY, SparseColumns, evaluate_sparse
-from tests.support.changed import with_poses, with_xyz
+from tests.support.changed import with_xyz
 from tests.support.fit_cases import rich_dataset
 
 DATASET = rich_dataset()
-UNHEATED = with_poses(DATASET, temperature_c=None)
-SPARSE = [family for family in (*effects_for(DATASET), family_of(UNHEATED, "warm_up")) if family.sparse]
+SPARSE = [family for family in effects_for(DATASET) if family.sparse]
 
 
 @pytest.fixture(scope="module")

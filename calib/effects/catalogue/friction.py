@@ -119,4 +119,5 @@ class PathFriction(JointLaw):
         members = tuple(member for member in tried if not member.slips or slips_ever(member))
         if not joints:
             return cls.untestable("no joint turns", "nothing: it is a matter of drives that turn")
-        return Family(cls.name, members, sparse=True, superposed=True)
+        limits = ("backlash", "following_error", "joint_scale")  # of a way far below, about and far above all moves
+        return Family(cls.name, members, sparse=True, superposed=True, contains=limits)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,7 +21,6 @@ DENT_WIDTHS_DEG = (4, 7, 12, 20)  # standard deviations of a dent's shape
 FEWEST_INSIDE = 3  # training poses within 1.2 of them: with fewer a dent is only an outlier
 DEAD_CENTRE_STEP_DEG = 5
 BALANCER_RATIOS_PCT = (20, 30, 40, 55, 70)  # of the distances of a balancing spring's ends from the joint's axis
-HIGH_ORDERS = range(4, 21)
 _COUNTED = "gear ratios are whole numbers of teeth, and encoders count them to 1e-3 and better"
 
 
@@ -58,31 +59,27 @@ class TransmissionError(JointLaw):
     arm that stands, once a turn, a balancing spring does nearly the same ({doc}`counterbalance`): both are left open.
     """
     position = 3
+    members_of = "revolute joints"
+    orders: ClassVar[Sequence[int]] = (1, 2, 3)
+    usual_rad: ClassVar[float] = 3e-4  # amplitude
 
     @cached_property
     def parameters(self) -> Parameters:
         """Amplitudes of the error's sine and cosine."""
-        return harmonic(self.order, 3e-4)
+        return harmonic(self.order, self.usual_rad)
 
     def shapes(self, state: RobotState) -> Array:
         return _waves(self.order * state.q_rad[:, self.joint])
-
-    @classmethod
-    def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each of three harmonics of each revolute joint."""
-        return Family(cls.name, tuple(cls(j, n) for j in dataset.robot.revolute_joints for n in (1, 2, 3)))
 
 
 @dataclass(frozen=True)
 class StrainWave(TransmissionError):
     """Ripple of a strain wave gear: a `TransmissionError` with n = gear ratio, or twice that."""
 
-    order: float
     name = "strain_wave"
     title = "strain wave gear ripple"
     noun = "the strain wave gear's error of joint"
     equation = "theta_j += A sin(n q_j) + B cos(n q_j), n = gear ratio and 2 x gear ratio"
-    symbols = (("sin_n", "rad"), ("cos_n", "rad"))
     needs = "gear_ratio in robot.toml"
     confirm = "one joint alone in steps of a tenth of a motor turn"
     bounds = (NaturalBound(1e-3, "rad", "strain wave gears are made to 4e-4 rad (makers' tables: 1.5 arc minutes)"),)
@@ -109,16 +106,13 @@ class StrainWave(TransmissionError):
 
 
 @dataclass(frozen=True)
-class HighHarmonic(JointLaw):
+class HighHarmonic(TransmissionError):
     """Error of gear teeth, or of encoder lines: theta += A sin(n q) + B cos(n q), n = 4 to 20."""
 
-    order: int
     name = "high_harmonic"
     title = "high harmonic of a joint"
     noun = "a high harmonic in the gear of joint"
     equation = "theta_j += A sin(n q_j) + B cos(n q_j), n = 4 ... 20"
-    symbols = (("sin_n", "rad"), ("cos_n", "rad"))
-    needs = "joint angles over a good part of a turn"
     confirm = "one joint alone over 90 degrees in steps of a degree"
     bounds = (NaturalBound(1e-3, "rad", "encoders interpolate to 1e-3 rad and better"),)
     notes = r"""
@@ -128,20 +122,9 @@ class HighHarmonic(JointLaw):
     learned curves say more ({doc}`/method/curves`).
     """
     position = 25
-
-    @cached_property
-    def parameters(self) -> Parameters:
-        """Amplitudes of the error's sine and cosine."""
-        return harmonic(self.order, 1e-4)
-
-    def shapes(self, state: RobotState) -> Array:
-        return _waves(self.order * state.q_rad[:, self.joint])
-
-    @classmethod
-    def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each of 17 harmonics of each revolute joint."""
-        joints = dataset.robot.revolute_joints
-        return Family(cls.name, tuple(cls(j, n) for j in joints for n in HIGH_ORDERS), sparse=True)
+    orders = range(4, 21)
+    is_sparse = True
+    usual_rad = 1e-4
 
 
 @dataclass(frozen=True)
@@ -523,6 +506,8 @@ class AxisWobble(CatalogueEffect):
     {doc}`transmission_error` of it with $n = 1$: then both stay open.
     """
     position = 11
+    members_of = "revolute joints"
+    orders = (1, 2)
     linear = True
 
     @cached_property
@@ -541,8 +526,3 @@ class AxisWobble(CatalogueEffect):
         about_x = x_sin * np.sin(turned) + x_cos * np.cos(turned)
         about_y = y_sin * np.sin(turned) + y_cos * np.cos(turned)
         return tilted_axis(state, self.joint, about_x, about_y)
-
-    @classmethod
-    def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each of two harmonics of each revolute joint."""
-        return Family(cls.name, tuple(cls(j, n) for j in dataset.robot.revolute_joints for n in (1, 2)))

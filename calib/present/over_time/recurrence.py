@@ -49,7 +49,7 @@ def _back(found: Recurrence) -> list[RepeatedCause]:
 def _verdict(found: Recurrence) -> Words:
     count, back = len(found.names), [cause for cause in _back(found) if cause.is_of_arm]
     if found.verdict == "repeats":
-        fewest = min(len(cause.found_in) for cause in back)
+        fewest = min(max(len(cause.found_in), len(cause.named_alone)) for cause in back)
         causes = listed([effect(name) for name in dict.fromkeys(cause.cause for cause in back)])
         return spans("Comes back", f" in {fewest} of {count} recordings: ", causes, ".")
     if found.verdict == "differs":
@@ -61,26 +61,38 @@ def _verdict(found: Recurrence) -> Words:
 
 
 def _comes_back(cause: RepeatedCause) -> Words:
-    sizes = [
-        numbers.with_sigma(value, sigma, cause.unit)
-        for value, sigma in zip(cause.values, cause.sigmas, strict=True)
-        if value is not None and sigma is not None
-    ]
     alike = spans("; ", listed([effect(n) for n in cause.alike], "or"), " would explain as much") if cause.alike else ()
-    return spans(
-        effect(cause.cause), _of_joint(cause), f", {cause.parameter}: {numbers.listing(sizes)}, found in "
-        f"{numbers.listing(cause.found_in)}, which agree", alike,
-    )  # fmt: skip
+    found = f"found in {numbers.listing(cause.found_in)}, which agree"
+    if len(cause.found_in) < 2:
+        found = "left open by each recording, and the same in all"
+    return spans(effect(cause.cause), _of_joint(cause), f", {cause.parameter}: {_sizes(cause)}, {found}", alike)
+
+
+def _sizes(cause: RepeatedCause) -> str:
+    return numbers.listing(
+        [
+            numbers.with_sigma(value, sigma, cause.unit)
+            for value, sigma in zip(cause.values, cause.sigmas, strict=True)
+            if value is not None and sigma is not None
+        ]
+    )
 
 
 def _against(found: Recurrence) -> list[Words]:
-    """Sentences on the effects that a recording's own diagnosis names, and that no other one confirms."""
-    back = {cause.cause for cause in _back(found)}
+    """Sentences on the effects that a recording's own diagnosis names, and that do not come back with their class."""
+    back = {name for cause in _back(found) for name in (cause.cause, *cause.alike)}
     named = dict.fromkeys(name for own in found.alone for name in own if name not in back)
     out: list[Words] = []
     for name in named:
         where = [recording for recording, own in zip(found.names, found.alone, strict=True) if name in own]
-        out.append(spans(effect(name), f", which {numbers.listing(where)} by itself names, is not confirmed"))
+        told = [cause for cause in found.causes if cause.cause == name]
+        against = next((cause for cause in told if not cause.agree), None)
+        if against is not None:
+            why = f"is contradicted: {against.parameter} is {_sizes(against)}, which differ beyond their sigmas"
+        else:
+            sizes = f": {told[0].parameter} is {_sizes(told[0])}" if told else ""
+            why = f"is not confirmed and not contradicted, as the others merely say less{sizes}"
+        out.append(spans(effect(name), f", which {numbers.listing(where)} by itself names, {why}"))
     return out
 
 

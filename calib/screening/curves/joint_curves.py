@@ -353,7 +353,8 @@ def _curve_member(
     if not sizes:
         return None
     m = candidate.modes
-    modes = CurveModes(m.input, m.orders, weights, m.start, m.rate, m.low, m.high)
+    whole = float(np.sqrt(0.5 * np.sum(spread**2)))  # a sine and a cosine of each order have one size
+    modes = CurveModes(m.input, m.orders, weights, m.start, m.rate, m.low, m.high, whole)
     return SmoothJointError(candidate.joint, modes, sizes)
 
 

@@ -43,6 +43,7 @@ class CurveModes:
     rate: float = 1.0
     low: float = -np.inf
     high: float = np.inf
+    whole_rad: float = 0.0  # usual size of the whole curve, of which the modes are what the poses used show
 
     def phase(self, u: Array) -> Array:
         """Phase (N,), rad, of the harmonics at inputs (N,)."""
@@ -189,6 +190,13 @@ class SmoothJointError:
     def joint_motions(self, state: RobotState) -> Array:
         """Error (N, K) of the joint at N poses by a unit of each parameter."""
         return motions_of(self.modes, state)
+
+    def unseen_variance(self, state: RobotState) -> Array:
+        """Variance (N,), rad^2, of what the curve does at N poses where none of those it was learned from shows it."""
+        if not isinstance(self.modes, CurveModes):
+            return np.zeros(len(state.poses))
+        seen = np.sum((self.joint_motions(state) * np.array(self.prior_sigma_rad)) ** 2, axis=1)
+        return np.maximum(self.modes.whole_rad**2 - seen, 0.0)
 
 
 Modes = CurveModes | FormulaModes | CouplingModes

@@ -10,6 +10,7 @@ from calib.effects.effect import apply_values, moves_one_joint, state_derivative
 from calib.fitting.model import effect_columns
 from calib.fitting.observations import nominal_state
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, Spectrum
+from calib.screening.curves.joint_curves import visible_modes
 from calib.screening.curves.smooth_joint_error import (
     CurveModes,
     FormulaModes,
@@ -111,6 +112,20 @@ def test_an_effect_of_curves_is_linear_and_absent_at_zero(modes: CurveModes | Fo
     columns = effect_columns(np.eye(state.vector.shape[1])[None], effect, state, values)
     for k, derivative in enumerate(state_derivative(effect, state, values)):
         np.testing.assert_allclose(columns[..., k], derivative, rtol=1e-9, atol=1e-12)
+
+
+def test_what_a_curve_does_between_the_poses_it_was_learned_from_is_as_uncertain_as_its_prior() -> None:
+    state = nominal_state(rich_dataset())
+    q_rad = state.q_rad[:, 1]
+    known = q_rad < np.median(q_rad)
+    spread = np.full(2 * len(ORDERS), 1e-4)
+    waves = harmonics(q_rad[known], ORDERS)
+    weights, sizes = visible_modes(waves * spread, spread, 1e3 * waves, 1e-3)
+    whole = float(np.sqrt(0.5 * np.sum(spread**2)))
+    effect = SmoothJointError(1, CurveModes("q2", ORDERS, weights, whole_rad=whole), sizes)
+    unseen = effect.unseen_variance(state) / whole**2
+    assert unseen[known].max() < 0.05
+    assert np.median(unseen[~known]) > 0.3
 
 
 def test_faint_harmonics_are_taken_to_first_order() -> None:

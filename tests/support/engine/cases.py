@@ -47,7 +47,7 @@ UNFORESEEN = {
         unforeseen_causes,
         *("root_of_angle", "creeping_joint", "product_of_joints", "loose_tool", "swinging_payload"),
         *("refraction", "late_clock", "hose_pull", "swaying_tripod", "cyclic_range_error", "creeping_tool"),
-        *("unwritten_backlash", "cracked_floor"),
+        *("unwritten_backlash", "cracked_floor", "steep_coupling"),
     ),
 }
 CAUSES = {**CATALOGUE, **NEW, **UNFORESEEN, **law_causes.LAW_CAUSES}

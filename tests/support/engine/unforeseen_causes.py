@@ -41,6 +41,16 @@ def creeping_joint(cell: Cell, rng: Rng) -> Cause:
     return _one_joint("creeping_joint", crept, cell, rng)
 
 
+def steep_coupling(cell: Cell, rng: Rng) -> Cause:
+    """A joint that one of its neighbours turns along from one stop to the other, as it passes through its zero."""
+
+    def law(c: Cell, here: Posture, j: int) -> Array:
+        return np.tanh(5.0 * c.q[:, j + 1])
+
+    turns = np.append(cell.turns[:-1] & cell.turns[1:], False)
+    return moves("steep_coupling", np.sign(carriers(cell, rng, lambda s: moves("", s, law), turns, most=1)), law)
+
+
 def product_of_joints(cell: Cell, rng: Rng) -> Cause:
     """A joint errs with the product of its angle and another's."""
     first, second = rng.permutation(np.flatnonzero(cell.turns))[:2]
