@@ -120,7 +120,7 @@ class ImportSources:
         return self.robots[0].robot.robot if self.robots else None
 
 
-LEFT_OUT = "as told"
+LEFT_OUT = "left out, as told"
 """Why a column is left out."""
 
 

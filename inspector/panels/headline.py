@@ -109,7 +109,7 @@ def _way(told: Headline, view: View) -> str:
     return (
         f'<div class="headline-title">{of}{noise}</div><div class="headline-way">{stages}</div>'
         f"{_budget(view.session.budget)}"
-        f'<div class="headline-note">{note}</div>'
+        f'<div class="headline-note" title="{note}">{note}</div>'
     )
 
 

@@ -281,7 +281,7 @@ class ReviewPanel:
     ) -> None:
         """Show the search's progress, the poses with a missing or doubtful corner, and why all failed if they did."""
         if total == 0:
-            self.progress_text.content = elements.note("Nothing to search: the points were measured (points.csv).")
+            self.progress_text.content = ""
             self.progress.visible = self.search.visible = False
             return
         failures: list[Words] = [spans(f", {len(failed)} failed (", few(failed), ")")] if failed else []

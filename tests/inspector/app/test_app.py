@@ -177,9 +177,8 @@ def test_the_exaggeration_changes_picture_and_words(app: App, page: WireClient) 
     before = np.asarray(page.scene[f"{ROOT}/corner/ellipsoid"]["props"]["batched_scales"]).ravel()
     old = float(page.value("Ellipsoids ×"))
     page.set("Ellipsoids ×", "10")
-    shows(page, "Drawn 10 times larger")
+    shows(page, "1σ drawn × 10")
     idle(app)
-    page.wait(lambda p: "1σ × 10" in p.scene[f"{ROOT}/corner/label"]["props"]["text"])
     after = np.asarray(page.scene[f"{ROOT}/corner/ellipsoid"]["props"]["batched_scales"]).ravel()
     np.testing.assert_allclose(after, before * 10 / old, rtol=1e-5)
 
@@ -205,7 +204,6 @@ def test_redundancy_tab_shows_all_pairs_and_names_groups(app: App, page: WireCli
 def test_switching_datasets_and_back_searches_nothing_again(app: App, page: WireClient) -> None:
     searches = session(app).searches
     page.set("Dataset", "points")
-    shows(page, "Nothing to search")
     idle(app)
     assert session(app).dataset.points is not None
     page.wait(lambda p: not [n for n in p.scene if n.startswith(f"{ROOT}/overview/")])
@@ -233,7 +231,6 @@ def test_where_no_dataset_can_be_opened_the_page_says_so(folder: Path, tmp_path:
     (tmp_path / "only" / "poses.csv").write_text("pose,role\n")
     with idle_app(tmp_path) as app, WireClient(app.server.get_port()) as page:
         shows(page, "poses.csv", "No dataset is open")
-        assert "Nothing to search" not in plain(page)
 
 
 def test_our_own_bug_is_told_too(app: App, page: WireClient, monkeypatch: pytest.MonkeyPatch) -> None:
