@@ -11,11 +11,13 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeVar
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one thread a process
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -145,34 +147,50 @@ def tell_failures(rows: pd.DataFrame) -> None:
         )
 
 
-def results(asked: Iterable[Case], jobs: int = 1) -> pd.DataFrame:
+C = TypeVar("C")
+
+
+def results(
+    asked: Sequence[C],
+    jobs: int = 1,
+    run: Callable[[C], dict[str, object]] = run,
+    judged: Callable[[pd.Series], pd.Series] = judged,
+) -> pd.DataFrame:
     """Judged rows of all cases."""
-    asked = list(asked)
-    if jobs > 1:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            found = list(pool.map(run, asked, chunksize=2))
-    else:
+    with ExitStack() as stack:
+        pool = stack.enter_context(ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))) if jobs > 1 else None
+        done = pool.map(run, asked, chunksize=2) if pool else map(run, asked)
         found = []
-        for k, case in enumerate(asked):
+        for row in done:
+            found.append(row)
             if sys.stderr.isatty():
-                print(f"\r{k} of {len(asked)}", end="", file=sys.stderr)
-            found.append(run(case))
+                print(f"\r{len(found)} of {len(asked)}", end="", file=sys.stderr)
     rows = pd.DataFrame(found)
     return pd.concat([rows, rows.apply(judged, axis=1)], axis=1)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run what is asked for and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--per-class", type=int, help="sets in each class; default: the standard run of 132")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", action="append", default=[], choices=list(CLASSES), help="may be repeated")
+def asked_of(
+    arguments: Sequence[str] | None,
+    about: str,
+    classes: Collection[str],
+    cases: Callable[..., list[C]],
+    seeds: str = "",
+) -> tuple[list[C], argparse.Namespace]:
+    """Cases that a command line asks for, and its options."""
+    parser = argparse.ArgumentParser(description=about.splitlines()[0])
+    parser.add_argument("--per-class", type=int, help="sets in each class; default: the standard run")
+    parser.add_argument("--seed", type=int, default=0, help=seeds)
+    parser.add_argument("--only", action="append", default=[], choices=list(classes), help="may be repeated")
     parser.add_argument("--number", type=int, help="only this one of the class")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(arguments)
     asked = cases(options.per_class, options.seed, tuple(options.only))
-    if options.number is not None:
-        asked = [case for case in asked if case.number == options.number]
+    return [case for case in asked if options.number in (None, getattr(case, "number", None))], options
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run what is asked for and print."""
+    asked, options = asked_of(arguments, __doc__ or "", CLASSES, cases)
     start = time.perf_counter()
     rows = results(asked, options.jobs)
     tell(rows)

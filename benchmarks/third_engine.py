@@ -7,17 +7,13 @@ to be quoted takes one from 1000 on that nobody has looked at.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
-from multiprocessing import get_context
+from collections.abc import Sequence
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one thread a process
@@ -25,6 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
+from second_engine import asked_of, results
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -218,50 +215,12 @@ def tell_failures(rows: pd.DataFrame) -> None:
         print(f"{mark:6s}{row.kind} {row.number}: {hidden} | {at} -> {row.verdict}: {told}")
 
 
-def results(asked: Iterable[Case], workers: int = 1, out: Path | None = None) -> pd.DataFrame:
-    """Judged rows of all cases, the first number of every class before the second. `out` is written after each case."""
-    asked = sorted(asked, key=lambda case: case.number)
-    found: list[dict[str, object]] = []
-    rows = pd.DataFrame()
-    with ExitStack() as stack:
-        if workers > 1:
-            pool = stack.enter_context(ProcessPoolExecutor(workers, mp_context=get_context("spawn")))
-            done: Iterable[dict[str, object]] = pool.map(run, asked, chunksize=2)
-        else:
-            done = map(run, asked)
-        for row in done:
-            found.append(row)
-            rows = pd.DataFrame(found)
-            rows = pd.concat([rows, rows.apply(judged, axis=1)], axis=1)
-            if out is not None:
-                told = rows.map(lambda value: " ".join(map(str, value)) if isinstance(value, tuple) else value)
-                told.to_csv(out, index=False)
-            if sys.stderr.isatty():
-                print(f"\r{len(found)} of {len(asked)}", end="", file=sys.stderr)
-    return rows
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run what is asked for and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--per-class", type=int, help="sets in each class; default: the standard run")
-    parser.add_argument("--seed", type=int, default=0, help=f"below {FRESH_SEED} for development, above for a count")
-    parser.add_argument("--only", action="append", default=[], choices=list(CLASSES), help="may be repeated")
-    parser.add_argument("--number", type=int, help="only this one of the class")
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--out", type=Path, help="also write every set to this CSV file")
-    parser.add_argument("--folders", type=Path, help="write the datasets there, and diagnose nothing")
-    options = parser.parse_args(arguments)
-    asked = cases(options.per_class, options.seed, tuple(options.only))
-    if options.number is not None:
-        asked = [case for case in asked if case.number == options.number]
-    if options.folders:
-        for case in asked:
-            name = f"{case.kind.replace(' ', '_')}_{case.number}"
-            print(write_folder(simulate(case), options.folders / name))
-        return
+    seeds = f"below {FRESH_SEED} for development, above for a count"
+    asked, options = asked_of(arguments, __doc__ or "", CLASSES, cases, seeds)
     start = time.perf_counter()
-    rows = results(asked, options.workers, options.out)
+    rows = results(asked, options.jobs, run, judged)
     tell(rows)
     tell_failures(rows)
     print(f"{len(rows)} sets in {time.perf_counter() - start:.0f} s, seed {options.seed}")

@@ -7,18 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import calibrate, diagnose, screen
+from calib import calibrate, screen
 from calib.effects.catalogue import effects_for
-from calib.effects.catalogue.joints import JointDent
-from calib.effects.catalogue.order_steps import JointStep
-from calib.effects.shaped import ShapedEffect
-from calib.screening.candidates import Candidate
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import FAULT_EVIDENCE, run_residual_tests
 from calib.screening.smooth_motions import smooth_motion
 from calib.simulation.simulate import Simulation, simulate_dataset
-from calib.simulation.truth.joint_effects import JointDent as TrueDent
-from calib.simulation.truth.order_effects import JointStep as TrueStep
 from tests.support.changed import with_xyz
 
 
@@ -32,50 +26,6 @@ def simulated(effects: tuple[str, ...] = (), *, seed: int = 0, sigmas: float = 2
         poses=80,
         noise_mm=0.05,
     )
-
-
-def stated(candidate: Candidate) -> tuple[ShapedEffect, float]:
-    """The only member of a candidate and its size."""
-    (member,), (value,) = candidate.members, candidate.values
-    assert isinstance(member, ShapedEffect)
-    return member, value.value
-
-
-@pytest.mark.parametrize(("robot", "seed"), [("rb5", 1), ("panda", 2), ("rb5", 3)])
-@pytest.mark.thorough
-def test_a_dent_is_named_at_its_joint_and_place_and_no_harmonic_in_its_stead(robot: str, seed: int) -> None:
-    simulation = simulated(("joint_dent",), seed=seed, robot=robot)
-    (true,) = simulation.truth.effects
-    assert isinstance(true, TrueDent)
-    (joint,) = np.flatnonzero(true.height_rad)
-    result = diagnose(simulation.dataset)
-    assert (result.verdict, result.missing) == ("named", ("joint_dent",)), result.summary()
-    dent, size = stated(result.candidates[0])
-    assert isinstance(dent, JointDent)
-    assert dent.joint == joint
-    off_rad = np.radians(dent.place_deg) - true.place_rad[joint]
-    assert np.remainder(off_rad + np.pi, 2 * np.pi) - np.pi == pytest.approx(0, abs=0.2)
-    assert size == pytest.approx(true.height_rad[joint], rel=0.35)
-    assert f"joint {joint + 1} is off by" in result.summary()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("robot", "seed"), [("rb5", 4), ("panda", 5)])
-def test_a_slip_is_found_at_its_joint_and_pose(robot: str, seed: int) -> None:
-    simulation = simulated(("joint_step",), seed=seed, robot=robot)
-    (true,) = simulation.truth.effects
-    assert isinstance(true, TrueStep)
-    (joint,) = np.flatnonzero(true.offset_rad)
-    dataset = simulation.dataset
-    best = screen(calibrate(dataset), effects_for(dataset)).candidates[0]
-    step, size = stated(best)
-    assert isinstance(step, JointStep)
-    assert step.joint == joint
-    # Test poses, which no fit sees, may lie between the jump and the first pose that shows it.
-    found = dataset.poses.index(step.start.pose)
-    shown = np.flatnonzero(~dataset.poses.is_test)
-    assert abs(int(np.searchsorted(shown, found)) - int(np.searchsorted(shown, true.first))) <= 2
-    assert size == pytest.approx(true.offset_rad[joint], rel=0.2)
 
 
 @pytest.mark.slow

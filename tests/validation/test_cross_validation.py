@@ -188,23 +188,6 @@ def test_test_poses_of_another_kind_are_told() -> None:
     assert "such poses" not in learning_curve(dataset, counts=[25, 50], repeats=1).headline
 
 
-@pytest.mark.slow
-def test_the_learning_curve_of_noise_follows_its_law() -> None:
-    """Training error falls below, held-out error stays above the noise, and both close in on it."""
-    curve = learning_curve(simulated(poses=120), counts=[12, 20, 40, 90])
-    frame = curve.to_frame()
-    assert list(frame["poses"]) == [12, 20, 40, 90]
-    assert (np.diff(frame["held_out_rmse_mm"]) < 0).all()
-    assert (np.diff(frame["train_rmse_mm"]) > 0).all()
-    noise = 0.02 * np.sqrt(3.0)
-    assert (frame["train_rmse_mm"] < noise).all()
-    assert (frame["held_out_rmse_mm"] > 0.95 * noise).all()
-    np.testing.assert_allclose(frame["sigma_mm"][1:], 0.02, rtol=0.15)
-    assert (frame["declared_sigma_mm"] == 0.02).all()
-    assert (frame["fits"] == 5).all()
-    assert curve.held_out == "folds"
-
-
 def curve_of(errors_mm: dict[int, float], sigma: SigmaCheck) -> LearningCurve:
     steps = tuple(LearningStep(n, 5, 0.5 * e, e, 0.0, 0.1, 50.0) for n, e in errors_mm.items())
     return LearningCurve(simulated(), "position", "folds", steps, sigma, ())
