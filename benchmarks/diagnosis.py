@@ -14,10 +14,8 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
-from multiprocessing import get_context
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one thread a process
@@ -255,26 +253,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--nulls", type=int, default=25, help="datasets with nothing hidden, each declared sigma")
     parser.add_argument("--pairs", type=int, default=30, help="datasets with two effects of 3 sigma")
     parser.add_argument("--outside", type=int, default=4, help="datasets for each cause and size")
-    parser.add_argument("--second-engine", action="store_true", help="the classes of second_engine.py alone")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--rows", type=Path, help="also write every trial to this CSV file")
     options = parser.parse_args(arguments)
-    if options.second_engine:
-        second_engine.main(["--jobs", str(options.processes)])
-        return
     asked = trials(options.singles, options.nulls, options.pairs, options.outside)
     start = time.perf_counter()
-    found = []
-    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
-        for row in pool.map(run, asked, chunksize=4):
-            found.append(row)
-            if len(found) % 20 == 0 and sys.stderr.isatty():
-                print(f"\r{len(found)} of {len(asked)}", end="", file=sys.stderr)
-    if not found:
-        return
-    rows = pd.DataFrame(found)
-    if options.rows:
-        rows.to_csv(options.rows, index=False)
+    rows = second_engine.results(asked, options.processes, run, None)
     refused = rows[rows["verdict"].str.startswith("refused")]
     if len(refused):
         print(f"{len(refused)} datasets were refused, the first: {refused['verdict'].iloc[0]}")

@@ -12,8 +12,6 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one thread a process
@@ -21,10 +19,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
+from second_engine import results
+from third_engine import interval
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.third_engine import interval
 from calib import calibrate, diagnose
 from calib.errors import CalibError
 from calib.screening.curves.laws import law_kind
@@ -99,19 +98,6 @@ def catalogue_cases(count: int, seed: int) -> list[Case]:
     ]
 
 
-def results(asked: Sequence[Case], jobs: int) -> pd.DataFrame:
-    """Rows of all cases."""
-    if jobs > 1:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            return pd.DataFrame(pool.map(run, asked, chunksize=2))
-    rows = []
-    for k, case in enumerate(asked):
-        if sys.stderr.isatty():
-            print(f"\r{k} of {len(asked)}", end="", file=sys.stderr)
-        rows.append(run(case))
-    return pd.DataFrame(rows)
-
-
 def tell(rows: pd.DataFrame) -> None:
     """Print how many causes were told in their right form, and how many laws were told of sets without one.
 
@@ -170,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.only:
         asked = [case for case in asked if case.kind == "law" and case.causes[0] in options.only]
     start = time.perf_counter()
-    rows = results(asked, options.jobs)
+    rows = results(asked, options.jobs, run, None)
     tell(rows)
     tell_failures(rows)
     print(f"{len(rows)} sets in {time.perf_counter() - start:.0f} s, seed {options.seed}")

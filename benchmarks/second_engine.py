@@ -154,9 +154,9 @@ def results(
     asked: Sequence[C],
     jobs: int = 1,
     run: Callable[[C], dict[str, object]] = run,
-    judged: Callable[[pd.Series], pd.Series] = judged,
+    judged: Callable[[pd.Series], pd.Series] | None = judged,
 ) -> pd.DataFrame:
-    """Judged rows of all cases."""
+    """Rows of all cases, judged unless there is nothing to judge them by."""
     with ExitStack() as stack:
         pool = stack.enter_context(ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))) if jobs > 1 else None
         done = pool.map(run, asked, chunksize=2) if pool else map(run, asked)
@@ -166,7 +166,7 @@ def results(
             if sys.stderr.isatty():
                 print(f"\r{len(found)} of {len(asked)}", end="", file=sys.stderr)
     rows = pd.DataFrame(found)
-    return pd.concat([rows, rows.apply(judged, axis=1)], axis=1)
+    return rows if judged is None else pd.concat([rows, rows.apply(judged, axis=1)], axis=1)
 
 
 def asked_of(

@@ -234,6 +234,7 @@ def _ranked_by_doubtful_masses(space: SearchSpace, step: FitStep, screening: Scr
     """Ranking in which effects of load have the evidence that masses and centres of mass off by their sigmas give them.
 
     An effect that follows the load by robot.toml's masses leaves their errors to a rival that follows load otherwise.
+    One that has another of them as its limit is not given more: what masses do to the limit is no evidence for it.
     """
     best = screening.candidates[0]
     rivals = [
@@ -243,8 +244,9 @@ def _ranked_by_doubtful_masses(space: SearchSpace, step: FitStep, screening: Scr
         and best.log_evidence - c.log_evidence < MOST_BY_MASSES
         and is_convincing(c)
     ]
+    near = {c.name: c for c in (best, *rivals)} if rivals else {}
     gains: dict[str, float] = {}
-    for one in (best, *rivals) if rivals else ():
+    for one in (c for c in near.values() if near.keys().isdisjoint(c.family.contains)):
         trial = space.fit((*step.selected, SelectedEffect.of(one)), step.calibration)
         doubts = project_residual(trial).nuisance
         gains[one.name] = 0.0 if doubts is None else max(doubts.log_evidence, 0.0)
