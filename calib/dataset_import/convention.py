@@ -16,13 +16,14 @@ from calib.consistency.hypotheses import of_reading
 from calib.consistency.joint_convention import FEWEST_POSES, joint_convention
 from calib.consistency.joint_reading import JointReading
 from calib.dataset.dataset import Dataset, Points, Poses
-from calib.dataset_import.columns import AS_MAPPED, Recognised
+from calib.dataset_import.columns import AS_MAPPED, Column, Recognised
 from calib.dataset_import.reading import ImportReport, MeantTable
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
 from calib.rendering import numbers
 from calib.robot_formats.conventions import TABLE_KINDS, RobotReading
 from calib.robot_formats.robot_file import RobotFile
+from calib.text_files.column_names import ANGLES_RAD
 
 GAIN = 5.0  # ratio of misfits from which the gain is overwhelming
 _FAR = 0.03  # the same, above which other conventions of the joints are tried
@@ -183,11 +184,25 @@ def settled(
         report.notes.append(f"{table}: {mistake}, and is read so: {change} {fall}; --map says it otherwise")
         return _as_read(asked.robot, reading, f"so read, {fall}")
 
-    if misfits[0] > (_FAR if arm.is_revolute.all() else _FAR_OF_SCREWS) * scale_mm:
+    far_mm = (_FAR if arm.is_revolute.all() else _FAR_OF_SCREWS) * scale_mm
+    if misfits[0] > far_mm:
+        columns = [meant.columns[f"q{k + 1}"] for k in range(arm.n_joints)]
+        if wrong_unit := _other_unit(arm, sample, columns, misfits[0]):
+            report.doubts.append(f"{table}: {wrong_unit}")
+            return as_it_is
         convention = joint_convention(arm, sample.q, sample.points_mm)
         told = [of_reading(one, names, arm.is_revolute) for one in convention.readings]
         fall = _fall(convention.as_it_is_mm, convention.left_mm)
-        if len(told) == 1 and not is_told:
+        mirrored_mm = misfit_mm(arm, replace(sample, points_mm=sample.points_mm * [1.0, 1.0, -1.0]))
+        if told and mirrored_mm < far_mm:
+            report.doubts.append(
+                f"{table}: {told[0].mistake}, or the points are mirrored: their error falls from {misfits[0]:.3g} to "
+                f"{mirrored_mm:.3g} mm so; where two axes have changed places, exchange them, as by --map "
+                f"'{meant.columns['x'].name if 'x' in meant.columns else 'X'}=y' and the other way round, else say "
+                "what the joints are with --map"
+            )
+            return as_it_is
+        if len(told) == 1 and not is_told and convention.left_mm < far_mm:
             return read_so(told[0].mistake, told[0].change, fall, convention.readings[0])
         if told:
             mistakes = numbers.in_short([one.mistake for one in told], _MOST_LISTED)
@@ -218,6 +233,21 @@ def settled(
             f"or sum of the joints explains it{''.join(stood)}"
         )
     return as_it_is
+
+
+def _other_unit(robot: Robot, sample: Sample, columns: Sequence[Column], now_mm: float) -> str:
+    """What to do where the joints' columns name one unit of angles and hold the other; "" where they do not."""
+    named = {column.unit for column, turns in zip(columns, robot.is_revolute, strict=True) if turns}
+    if named not in ({"deg"}, {"rad"}):
+        return ""
+    (unit,) = named
+    other = "deg" if unit == "rad" else "rad"
+    scale = np.where(robot.is_revolute, ANGLES_RAD[other] / ANGLES_RAD[unit], 1.0)
+    then_mm = misfit_mm(robot, replace(sample, q=sample.q * scale))
+    if then_mm > min(now_mm / GAIN, AGREES * _scale_mm(robot, sample)):
+        return ""
+    typed = " ".join(f"--map '{column.name}=q{k + 1}_{other}'" for k, column in enumerate(columns))
+    return f"the joints are named {unit} and hold {other}: {_fall(now_mm, then_mm)} so; tell it by {typed}"
 
 
 def _fall(now_mm: float, then_mm: float) -> str:

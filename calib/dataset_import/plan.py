@@ -462,6 +462,8 @@ class _Planning:
         setups = joints.cells("setup")
         if seen is not None and near is not None:
             unit, how, off = points_unit(report, points, near, q)
+            if not unit:
+                return self.plan()
             points = _with_units(points, list("xyz"), [unit] * 3, "the arm's tool spreads so" if how else "")
             if self.points is None:
                 joints = self.joints = points
@@ -571,7 +573,7 @@ class _Planning:
     def _compare_with_controller(self, table: UserTable, robot: Robot, q: Array) -> None:
         """Note, or doubt, on whether the poses that the controller wrote down are those of the robot's table."""
         names = own_pose_columns(table.columns)
-        if not names:
+        if not names or (self.joints is not None and self.joints.named("x") in names):
             return
         places = np.column_stack([table.numbers(name, lambda _: None) for name in names])
         if not np.isfinite(places).all(axis=1).any():

@@ -21,6 +21,7 @@ from calib.kinematics.tool_point import tip_T_last, tool_point_of
 from calib.robot_formats.chain.five_parameters import vector
 from calib.robot_formats.robot_file import RobotFile
 
+_FEWEST_REPEATS, _BLUNDER = 3, 5.0  # places; times what half of them scatter by, from which single ones are blunders
 _NEAR_MM = 5.0  # of the end of the robot's file, within which the measured point is taken to be there
 
 
@@ -36,7 +37,9 @@ class Question:
 def noise_question(dataset: Dataset) -> Question:
     """Question for the noise of a measured point, guessed by repeats where there are some."""
     repeats = find_repeats(dataset)
-    guess = f"{pooled_sigma_mm(repeats):.2g}" if repeats else ""
+    usual = sorted(repeats, key=lambda one: float(one.sigma_mm @ one.sigma_mm))[: (len(repeats) + 1) // 2]
+    is_sure = len(repeats) >= _FEWEST_REPEATS and pooled_sigma_mm(repeats) < _BLUNDER * pooled_sigma_mm(usual)
+    guess = f"{pooled_sigma_mm(repeats):.2g}" if is_sure else ""
     by = f"{guess} mm by the repeats" if guess else "what a fit leaves"
     return Question("noise of a measured point, the standard deviation of each axis", by, f"--sigma {guess or 'MM'}")
 

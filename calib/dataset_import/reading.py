@@ -261,7 +261,7 @@ def _has_points_first(table: UserTable, start: int) -> bool:
 
 
 def joint_values(report: ImportReport, joints: MeantTable) -> Array | None:
-    """Joint values (N, n) in the file's units; None, with a fault, where columns are missing."""
+    """Joint values (N, n) in the file's units; None, with a fault, where columns or units of theirs are wrong."""
     columns = joints.meant.columns
     if report.robot is None:  # its cells are judged all the same
         for meaning, column in columns.items():
@@ -271,13 +271,17 @@ def joint_values(report: ImportReport, joints: MeantTable) -> Array | None:
     names = [f"q{k + 1}" for k in range(report.robot.n_joints)]
     if not all(name in columns for name in names):
         return None
+    count = len(report.faults)
     for k, (name, joint) in enumerate(zip(names, report.robot.joints, strict=True)):
         unit = columns[name].unit
         if unit and unit not in (ANGLES_RAD if joint.is_revolute else LENGTHS_MM):
             report.fault(
                 f"{joints.path}: line 1, column {columns[name].name}: {unit} is no unit of joint {k + 1} "
-                f"({joint.name}), which is {joint.type}"
+                f"({joint.name}), which is {joint.type}; say what it "
+                f"is by --map '{columns[name].name}={name}_{'deg' if joint.is_revolute else 'mm'}'"
             )
+    if len(report.faults) > count:
+        return None
     cells = [coordinates(report, joints.table, columns[name].name, may_be_empty=False) for name in names]
     return np.column_stack(cells)
 
@@ -286,6 +290,13 @@ def point_values(report: ImportReport, points: MeantTable, *, needed: bool) -> A
     """Points (M, 3) in the file's unit; None where there are none."""
     table, columns = points.table, points.meant.columns
     if not points.has_points:
+        some = [axis for axis in "xyz" if axis in columns]
+        if needed and some and points.length is None:
+            missing = " and ".join(axis for axis in "xyz" if axis not in some)
+            report.fault(
+                f"{table.path}: line 1: no column for {missing} beside {', '.join(map(points.named, some))}; found "
+                f"{', '.join(table.columns[:30])}; tell with --map column={missing[0]}"
+            )
         is_told = any(str(fault).startswith(f"{table.path}: line 1: no ") for fault in report.faults)
         if needed and not is_told and points.length is None and not any(axis in columns for axis in "xyz"):
             report.fault(
@@ -571,19 +582,34 @@ def with_clear_reading(
 def points_unit(report: ImportReport, points: MeantTable, near: Array, q: Array) -> tuple[str, str, float]:
     """Unit of the points, the reason, and the ratio of the points' spread to the arm's; "" and 1 for units in names.
 
+    A unit of "" is one that is told in several ways, with a fault.
+
     Taken from the columns' names, else from the points' spread relative to the arm's.
     near: (N, 3) in the file's unit, q: (N, n) rad, mm.
     """
     told = {points.meant.columns[axis].unit for axis in "xyz"}
+    told = told - {""} or told  # one that is told is that of all
     what = ", ".join(map(points.named, "xyz"))
     if len(told) > 1:
-        report.fault(f"{points.path}: line 1: columns {what} have different units")
-        return "mm", "", 1.0
+        usual = Counter(points.meant.columns[axis].unit for axis in "xyz").most_common(1)[0][0]
+        typed = " ".join(f"--map '{points.named(axis)}={axis}_{usual}'" for axis in "xyz")
+        report.fault(
+            f"{points.path}: line 1: columns {what} have different units; write them in one, or, where the "
+            f"names are wrong, say so by {typed}"
+        )
+        return "", "", 1.0
     unit = told.pop()
     if unit:
         report.notes.append(f"{points.path}: points are {what}, in {unit} by their names")
         return unit, "", 1.0
     assert report.robot is not None
+    known = near[np.isfinite(near).all(axis=1)]
+    if len(known) > 1 and not np.ptp(known, axis=0).any():
+        raise DatasetError(
+            f"{points.path}: {what} are the same at all {len(known)} poses: nothing can be learned from them; "
+            f"measure the point anew at each, or, where one place was visited, tell its unit by --map "
+            f"'{points.named('x')}=x_mm'"
+        )
     unit, off = length_unit(report.robot, q, near)
     how = f"taken for {unit}, in which they spread as the arm's tool does"
     report.notes.append(f"{points.path}: points are {what}, {how}")

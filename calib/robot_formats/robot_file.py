@@ -94,6 +94,9 @@ def _form_of(path: Path) -> RobotForm:
     if not forms and suffix in _OF_EXTRA:
         raise RobotFileError(f"{path}: {suffix} is read by the extra robot_forms, which this installation lacks")
     if not forms:
+        if not path.exists():
+            named = ", ".join(BUILTIN_ROBOTS)
+            raise RobotFileError(f"{path}: no such file, and no built-in robot; there are {named}")
         found, known = suffix or "no suffix", ", ".join(known_suffixes())
         raise RobotFileError(f"{path}: {found} is no form of a robot; expected {known}")
     if len(forms) == 1:

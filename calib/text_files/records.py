@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.errors import DatasetError
 from calib.text_files.column_names import plain, split_unit
-from calib.text_files.csv_text import MOST_BYTES, MOST_CELLS
+from calib.text_files.csv_text import MOST_BYTES, MOST_CELLS, lines_of
 from calib.text_files.text_file import read_text
 
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
@@ -305,7 +305,8 @@ def declared_positions(text: str) -> list[tuple[int, list[str]]]:
 
     Of positions by joints and by places those are taken that are more.
     """
-    found = [(k, match) for k, line in enumerate(text.splitlines(), 1) if (match := _DECLARED.match(line))]
+    lines = lines_of(text) if "{" in text else ()
+    found = [(k, match) for k, line in enumerate(lines, 1) if (match := _DECLARED.match(line))]
     by_joints = [(k, match) for k, match in found if "A1" in match["position"]]
     kept = by_joints if 2 * len(by_joints) >= len(found) else [each for each in found if each not in by_joints]
     rows = [(k, [match["name"] or f"line {k}", match["position"]]) for k, match in kept]

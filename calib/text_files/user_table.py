@@ -161,7 +161,12 @@ def _rows_of_files(path: Path, files: Sequence[Path], *, any_encoding: bool) -> 
         return rows_of(path, [{"file": file.stem, **each} for file, each in zip(files, records, strict=True)])
     rows = [[file.stem, *row] for file, row in zip(files, rows_of(path, records), strict=True)]
     if len(set(map(len, rows))) > 1:
-        raise DatasetError(f"{path}: not all files hold as many numbers; a record a file is needed")
+        usual = Counter(map(len, rows)).most_common(1)[0][0]
+        odd = next(k for k, row in enumerate(rows) if len(row) != usual)
+        raise DatasetError(
+            f"{files[odd]}: found {len(rows[odd]) - 1} numbers, the other files of {path} have {usual - 1}; a "
+            "record of one length a file is needed"
+        )
     return rows
 
 
@@ -236,10 +241,15 @@ def _table_of(
         ]
     if not body:
         raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
-    for number, row in body:
-        if any(row[len(columns) :]):
-            found = f"found {len(row)} cells, the first line has {len(columns)}; name the others or remove them"
-            wrong(RowFault(path, number, found))
+    wide = [(number, row) for number, row in body if any(row[len(columns) :])]
+    if 2 * len(wide) > len(body):
+        raise DatasetError(
+            f"{path}: line {header.line}: found {len(columns)} names and {len(wide[0][1])} cells in line "
+            f"{wide[0][0]} and most others; part the names by the same sign as the cells, and name all columns"
+        )
+    for number, row in wide:
+        found = f"found {len(row)} cells, the first line has {len(columns)}; name the others or remove them"
+        wrong(RowFault(path, number, found))
     width = len(columns)
     rows = [(row + [""] * width)[:width] for _, row in body]
     columns, rows = list_columns(columns, rows)
