@@ -1,13 +1,16 @@
 """What can go wrong, for two hours every night: each part is drawn from a seed, and told where a promise was broken.
 
-    python benchmarks/soak.py [--only inputs|arms|constraints|clients|page] [--scale 0.01] [--seed 18] [--jobs 2]
+    python benchmarks/soak.py [--only inputs|arms|constraints|clients|page|killed] [--scale 0.01] [--seed 18] [--jobs 2]
 
 inputs       tests/test_hostile_inputs.py with thousands of examples in place of dozens: spoiled files through the
              commands, files that mean what they meant, fits of the same arm told otherwise
 arms         1,000 random arms from calib/simulation/truth, diagnosed: errors against the bound, names against the truth
 constraints  4,000 random arms measured by sockets, planes and bars: no fit that lost the arm's size is accepted
 clients      hostile clients at a live server, one by one and all at once, beside an honest page
-page         5,000 operations on a page, 2,000 at the least: its server's memory grows by less than 2 MB in 1,000
+page         1,000 clicks and keys anywhere on the page in two browsers, one of which is killed and opened anew in the
+             middle: nothing fails, and after a fifth of them the server's memory stays within 20 %
+killed       a writer of sessions and a server that imports are killed (SIGKILL) at random moments: every session and
+             dataset can be opened, and nothing is left over
 
 A case follows from its part, the seed and its number alone. Exit code 1 where anything was wrong.
 """
@@ -30,6 +33,7 @@ import threading
 import time
 import traceback
 import urllib.request
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -44,6 +48,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import msgspec
 import numpy as np
 import viser
+from playwright.sync_api import sync_playwright
 from simulated import heavy_arm, scara, ur10e
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -52,6 +57,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from calib import diagnose
 from calib.calibration.result import Calibration
+from calib.dataset.files.atomic_write import write_all_atomically
+from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import CATALOGUE
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
@@ -61,13 +68,18 @@ from calib.kinematics.robot import Robot
 from calib.present.fit.calibration import calibration_warnings
 from calib.simulation.simulate import Simulation, simulate_dataset
 from calib.simulation.truth.arm_sampling import Tolerances
+from inspector.panels.your_data import OPEN, OWN_DATA
+from inspector.session.measuring import open_session
+from inspector.session.session_file import session_text
+from inspector.session.transitions import with_calibration
 from tests.support import ROOT
 from tests.support.arms import random_arm
+from tests.support.browser import COARSE, FLAGS, need_chromium
 from tests.support.constrained_arms import accepted_collapse
 from tests.support.promises import files_below
 from tests.support.wire_client import WireClient
 
-COUNTS = {"inputs": 3000, "arms": 1000, "constraints": 4000, "clients": 1, "page": 5000}
+COUNTS = {"inputs": 3000, "arms": 1000, "constraints": 4000, "clients": 1, "page": 1000, "killed": 300}
 DATASET = ROOT / "sample_data" / "hidden_effect_b"
 CASE_S = 300  # for one arm, on a machine that others use too
 MOST_SHARE = 0.03  # of the arms: wrong names, and causes passed over, which any test at a level has
@@ -420,7 +432,7 @@ ATTACKS = (rubbish, foreign_files, foreign_pages, slow_and_many, broken_frames, 
 class LiveServer:
     """`inspector serve FOLDER/served --data FOLDER/data`; home, temporary and working folder lie below FOLDER too."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, data: Path | None = None) -> None:
         for name in ("home", "tmp", "cwd"):
             (folder / name).mkdir(parents=True)
         shutil.copytree(DATASET, folder / "served" / DATASET.name)
@@ -428,7 +440,7 @@ class LiveServer:
         environment = {**os.environ, "HOME": str(folder / "home"), "TMPDIR": str(folder / "tmp"),
                        "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}  # fmt: skip
         command = [sys.executable, "-u", "-m", "inspector", "serve", folder / "served", "--port", "0", "--data",
-                   folder / "data"]  # fmt: skip
+                   data or folder / "data"]  # fmt: skip
         self.process = subprocess.Popen(
             [*map(str, command)], stdout=self.log.open("wb"), stderr=subprocess.STDOUT, cwd=folder / "cwd",
             env=environment, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (1024, 1024)),
@@ -441,6 +453,16 @@ class LiveServer:
     def said(self) -> str:
         """Everything that the server printed."""
         return self.log.read_text("utf-8", "replace")
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.process.kill()
+        self.process.wait()
+
+    def processor_s(self) -> float:
+        """Processor time that it has taken."""
+        spent = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+        return sum(map(int, spent)) / os.sysconf("SC_CLK_TCK")
 
     def memory_mb(self) -> float:
         """Resident memory."""
@@ -516,15 +538,109 @@ def soak_clients(count: int, options: argparse.Namespace) -> Troubles:
 # ---- a page for a long time -----------------------------------------------------------------------------------------
 
 
+CLICK = """k => {
+  const all = [...document.querySelectorAll('button, [role="tab"], tr[data-value], [data-ask], input[type="checkbox"]')]
+    .filter(node => node.offsetParent !== null && !node.disabled)
+  all[k % all.length].click()
+}"""
+KEYS = ("n", "p", "1", "2", "3", "4", "5", "6", "f", "s", "t", "r", "d", "Control+z", "Control+y", "Escape")
+FLAT, WARM = 1.2, 0.2  # largest memory over that after this share of the operations
+
+
+def settled_mb(server: LiveServer) -> float:
+    """Memory of a server once it has nothing left to do."""
+    spent = -1.0
+    while (now := server.processor_s()) > spent + 0.1:
+        spent = now
+        time.sleep(2.0)
+    return server.memory_mb()
+
+
 def soak_page(count: int, options: argparse.Namespace) -> Troubles:
-    """The operations of page_memory.py, and its goal."""
-    command = [sys.executable, str(ROOT / "benchmarks" / "page_memory.py"), "--count", str(max(count, 2000))]
-    return ["see above"] if subprocess.run(command, cwd=ROOT).returncode else []
+    """Random clicks and keys in two browsers by turns."""
+    rng, found, memory = np.random.default_rng(options.seed), list[str](), list[float]()
+
+    def opened() -> tuple[Any, Any]:
+        browser = chromium.launch(executable_path=need_chromium(), args=list(FLAGS))
+        page = browser.new_page()
+        page.on("pageerror", lambda error: found.append(f"on the page: {error}"))
+        page.goto(f"http://{HOST}:{server.port}/?fixedDpr={COARSE}")
+        page.get_by_role("tab", name="Measure").wait_for(timeout=300_000)
+        return browser, page
+
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        server, chromium = LiveServer(Path(folder) / "server"), playwright.chromium
+        try:
+            browsers = [opened(), opened()]
+            for number in range(count):
+                if number == count // 2:
+                    told = browsers[1][0].new_browser_cdp_session().send("SystemInfo.getProcessInfo")["processInfo"]
+                    os.kill(next(process["id"] for process in told if process["type"] == "browser"), signal.SIGKILL)
+                    browsers[1] = opened()
+                page = browsers[number % 2][1]
+                if rng.random() < 0.5:
+                    page.evaluate(CLICK, int(rng.integers(2**30)))
+                else:
+                    page.keyboard.press(str(rng.choice(KEYS)))
+                time.sleep(0.05)
+                if (number + 1) % max(1, round(WARM / 2 * count)) == 0:
+                    memory.append(settled_mb(server))
+                    print(f"page: {number + 1} operations, {memory[-1]:.0f} MB", flush=True)
+            trouble = server.trouble(server.memory_mb())
+            found += [trouble] if trouble else []
+        finally:
+            server.kill()
+    most = max(memory[1:]) / memory[1]
+    return [*found, *([f"memory grew to {most:.2f} times"] if most > FLAT else [])]
+
+
+# ---- killed at random moments ---------------------------------------------------------------------------------------
+
+
+def soak_killed(count: int, options: argparse.Namespace) -> Troubles:
+    """Writers of a session that are killed, and a server for each twenty of them that is killed while it imports."""
+    rng, found = np.random.default_rng(options.seed), list[str]()
+    session = with_calibration(open_session(DATASET))
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        path, server_folder, archive = folder / "session.json", folder / "server", folder / "cell.zip"
+        text = session_text(session, beside=folder)
+        for _ in range(count):
+            writer = os.fork()
+            while not writer:
+                write_all_atomically({path: text, folder / "beside.json": text})
+            time.sleep(float(rng.uniform(0.0, 0.03)))
+            os.kill(writer, signal.SIGKILL)
+            os.waitpid(writer, 0)
+            with contextlib.suppress(FileNotFoundError):
+                found += [] if path.read_text("utf-8") == text else ["a session is damaged"]
+        with zipfile.ZipFile(archive, "w") as packed:
+            for file in DATASET.iterdir():
+                packed.write(file, file.name)
+            packed.writestr("session.json", text)
+        imported = 0
+        for number in range(count // 20):
+            server = LiveServer(server_folder / str(number), data=server_folder / "data")
+            with WireClient(server.port) as page, contextlib.suppress(AssertionError):
+                page.upload(OWN_DATA, archive.name, archive.read_bytes())
+                page.wait(lambda p: p.has(OPEN) and not p.props(OPEN)["disabled"], 60.0)
+                page.click(OPEN)
+                time.sleep(float(rng.uniform(0.0, 1.0)))
+                server.process.kill()
+            server.kill()
+            for dataset in (server_folder / "data").glob("[!.]*"):
+                load_dataset(dataset)
+            imported = len(list((server_folder / "data").glob("[!.]*")))
+        server = LiveServer(server_folder / "last", data=server_folder / "data")
+        left = [path.name for path in (server_folder / "data").glob(".*")]
+        server.kill()
+    print(f"killed: {imported} of {count // 20} imports had ended, left over: {left}")
+    return [*found, *(f"left over: {name}" for name in left)]
 
 
 PARTS: dict[str, Callable[[int, argparse.Namespace], Troubles]] = {
     "inputs": soak_inputs, "arms": soak_arms, "constraints": soak_constraints, "clients": soak_clients,
-    "page": soak_page,
+    "page": soak_page, "killed": soak_killed,
 }  # fmt: skip
 
 

@@ -14,8 +14,10 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from calib.bounded_process import ProcessLimits, bound_this_process, how_it_ended
@@ -25,7 +27,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 Told = tuple[Any, Exception | None]
 
-LIMITS = ProcessLimits(seconds=300.0, memory_bytes=3 * 1024**3, answer_bytes=512 * 1024**2)
+LIMITS = ProcessLimits(seconds=300.0, memory_bytes=3 * 1024**3, answer_bytes=1024**3)
 """What one request may take: photos of a board take a second each, and a GB."""
 _IMPORTED = ("calib.dataset_import.import_dataset", "pandas", "scipy.spatial")
 
@@ -59,6 +61,15 @@ def within_limits(what: str, function: Callable[P, T], /, *args: P.args, **keywo
     if error is not None:
         raise error
     return result
+
+
+class BoundedExecutor(ThreadPoolExecutor):
+    """Executor that works out each function in a bounded process of its own, so many at a time as it has threads."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Begin a function; in messages what it reads is called as the first path among its arguments."""
+        what = next((argument.name for argument in args if isinstance(argument, Path)), "its files")
+        return super().submit(within_limits, what, fn, *args, **kwargs)
 
 
 def warm_up(*modules: str) -> None:

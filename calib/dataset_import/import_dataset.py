@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.atomic_write import new_folder, require_free
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
 from calib.dataset_import.flange_import import plan_of_flange_poses
@@ -95,14 +96,9 @@ def write_plan(plan: ImportPlan, out: Path) -> Dataset:
 
 def copy_dataset(folder: Path, out: Path) -> Dataset:
     """Copy a dataset folder, its files unchanged, to a new folder. Raises DatasetError."""
-    require_free(out)
     load_dataset(folder)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:50]}.") as made:
-        shutil.copytree(folder, Path(made) / "copy")
-        if out.exists():
-            out.rmdir()  # empty
-        (Path(made) / "copy").rename(out)
+    with new_folder(out) as copy:
+        shutil.copytree(folder, copy)
     return load_dataset(out)
 
 
@@ -111,9 +107,3 @@ def scan_files(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder of scans")
     return {path.stem: path for path in sorted(folder.iterdir()) if path.is_file()}
-
-
-def require_free(out: Path) -> None:
-    """Raise DatasetError where a path exists and is no empty folder."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise DatasetError(f"{out}: exists and is not empty; name a new folder")

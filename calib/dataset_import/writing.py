@@ -15,6 +15,7 @@ import tomli_w
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import ROLES, Dataset, Scanner
+from calib.dataset.files.atomic_write import new_folder
 from calib.dataset.files.cell_tables import scanner_document
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
@@ -175,9 +176,8 @@ def checked(content: Content) -> Dataset:
 
 def written(out: Path, content: Content) -> Dataset:
     """Write a dataset to a temporary folder, read it for checking, and move it into place. Raises DatasetError."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:50]}.") as made:
-        draft, final = Path(made) / "draft", Path(made) / "final"
+    with new_folder(out) as final:
+        draft = final.with_name("draft")
         draft.mkdir()
         _draft(draft, content, with_scans=True)
         try:
@@ -188,9 +188,6 @@ def written(out: Path, content: Content) -> Dataset:
             load_dataset(final)
         except CalibError as error:
             raise DatasetError(str(error).replace(str(draft), str(out)).replace(str(final), str(out))) from None
-        if out.exists():
-            out.rmdir()  # empty
-        final.rename(out)
     return load_dataset(out)
 
 

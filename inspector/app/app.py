@@ -130,6 +130,7 @@ class App:
         self.worker.stop()
         self.downloads.close()
         self.model.close()
+        self.dataset.close()
         self.side_by_side.close()
         self.planning.close()
         for controller in self.contributed.values():

@@ -156,18 +156,14 @@ def errors_beside(
     ids: tuple[tuple[str, ...], tuple[str, ...]],
     *,
     x_title: str,
-    same_poses: bool,
 ) -> go.Figure:
-    """Figure of 3D errors (N,) and (M,) of two calibrations against an input; a click selects a pose of the first.
-
-    same_poses: both are of the same measurements, so that a click on either selects.
-    """
+    """Figure of 3D errors (N,) and (M,) of two calibrations against an input; a click selects a pose of the first."""
     traces = []
     for k, colour in enumerate(BESIDE_COLOURS):
         of = of_poses(ids[k])
         marker = {"symbol": ("circle", "square-open")[k], "size": 8, "color": colour, "line": {"width": 1.5}}
         hover = f"{escape(names[k])}, pose %{{customdata}}<br>{escape(x_title)} %{{x:.5g}}<br>error %{{y:.4g}} mm"
-        of = of if k == 0 or same_poses else {"customdata": of["customdata"]}
+        of = of if k == 0 else {"customdata": of["customdata"]}
         traces.append(scatter(shortened(names[k]), x[k], error_mm[k], marker=marker, hover=hover, more=of))
     return figure(
         traces,

@@ -15,6 +15,7 @@ from calib.corners.jig_distance import face_distances, jig_outline
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.scans.scan import Scan
+from calib.served_process import within_limits
 from calib.workcell.bodies.link_mesh import LinkMesh, load_link_mesh
 from inspector.markup.legend import distance_limit_mm
 from inspector.markup.parts import colour_scale
@@ -227,7 +228,8 @@ class ArmDrawing:
         self._of, self._meshes, problems = dataset.robot, {}, []
         for joint in range(dataset.robot.n_joints):
             try:
-                mesh = load_link_mesh(dataset, joint)
+                named = dataset.robot.joints[joint].mesh
+                mesh = None if named is None else within_limits(named, load_link_mesh, dataset, joint)
             except CalibError as error:
                 problems.append(str(error))
                 continue

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from calib.corners.batch import declared_noise, of_one_jig
+from calib.corners.search import CornerSearch, failed_search
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_arriving_dataset, load_dataset
 from calib.errors import CalibError, DatasetError, printable
@@ -15,6 +16,7 @@ from calib.identifiability.structural import redundancy_of
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import RESIDUAL_KINDS
+from calib.scans.scan import Scan, load_scan
 from calib.served_process import within_limits
 from calib.targets.search import finder_of, search_targets_file
 from inspector.session.session import Session, untested
@@ -38,21 +40,41 @@ def _readable(folder: Path) -> Dataset:
         return replace(arrived, warnings=(*arrived.warnings, f"still being measured? {error}"))
 
 
+def read_scan(dataset: Dataset, pose: int, *, search: bool) -> tuple[Scan | None, CornerSearch | None]:
+    """Scan of a pose, None where it cannot be read, and, if asked for, the search for its corner.
+
+    Both are worked out in a bounded process.
+    """
+    path = dataset.scan_path(pose)
+    if path is None:
+        raise DatasetError(f"dataset {dataset.name}: it has no scans to search")
+    try:
+        return within_limits(path.name, _read_and_searched, path, dataset, search)
+    except CalibError as error:
+        return None, failed_search(path.stem, str(error), unreadable=True)
+
+
+def _read_and_searched(path: Path, dataset: Dataset, search: bool) -> tuple[Scan, CornerSearch | None]:
+    scan = load_scan(path)
+    if not search:
+        return scan, None
+    declared = declared_noise(dataset.scanner)
+    sigma_mm = dataset.scanner.scan_sigma_mm
+    return scan, search_targets_file(path, dataset.all_targets, sigma_mm, finder_of(dataset), declared=declared)
+
+
 def with_search(session: Session, pose: int) -> Session:
     """Session after searching one pose's scan for its corner."""
-    path = session.dataset.scan_path(pose)
-    if path is None:
-        raise DatasetError(f"dataset {session.dataset.name}: it has no scans to search")
+    search = read_scan(session.dataset, pose, search=True)[1]
+    assert search is not None
+    return with_result(session, pose, search)
+
+
+def with_result(session: Session, pose: int, search: CornerSearch) -> Session:
+    """Session with what a search of one pose's scan has found."""
     dataset = session.dataset
-    search = search_targets_file(
-        path,
-        dataset.all_targets,
-        dataset.scanner.scan_sigma_mm,
-        finder_of(dataset),
-        declared=declared_noise(dataset.scanner),
-    )
-    searches = of_one_jig({**session.searches, session.dataset.poses.ids[pose]: search}, dataset.jig).searches
-    if session.dataset.points is not None:
+    searches = of_one_jig({**session.searches, dataset.poses.ids[pose]: search}, dataset.jig).searches
+    if dataset.points is not None:
         return replace(session, searches=searches)
     return untested(replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=()))
 

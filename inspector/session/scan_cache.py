@@ -7,6 +7,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.scans.scan import Scan, load_scan
+from calib.served_process import within_limits
 
 
 class ScanCache:
@@ -23,19 +24,21 @@ class ScanCache:
         self._dataset, self._kept, self.medians = dataset, None, {}
 
     def load(self, pose: int, *, keep: bool) -> Scan | None:
-        """Scan of a pose; None where there is none. Raises ScanError."""
+        """Scan of a pose, read in a bounded process; None where there is none. Raises CalibError."""
         if self._kept is not None and self._kept[0] == pose:
             return self._kept[1]
         path = None if self._dataset is None else self._dataset.scan_path(pose)
         if path is None:
             return None
-        scan = load_scan(path)
+        scan = within_limits(path.name, load_scan, path)
         if keep:
             self._kept = (pose, scan)
         return scan
 
-    def worked_on(self, pose: int, scan: Scan | None) -> None:
+    def worked_on(self, pose: int, scan: Scan | None, *, keep: bool) -> None:
         """Store a scan's position, or that the scan cannot be read."""
+        if keep and scan is not None:
+            self._kept = (pose, scan)
         empty = scan is None or not len(scan.points_mm)
         self.medians[pose] = np.full(3, np.nan) if empty else np.median(scan.points_mm, axis=0)  # type: ignore[union-attr]
 

@@ -1,11 +1,9 @@
-"""Results compared with the calibration on show: another dataset's, an earlier version, or later measurements."""
+"""Results compared with the calibration on show: another dataset's, or later measurements."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from calib.array_types import Array
 from calib.calibration.calibrate import fit_measured
@@ -17,7 +15,7 @@ from calib.errors import CalibError, printable
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.screening.blunders import without_blunders
-from calib.served_process import within_limits
+from calib.served_process import BoundedExecutor, within_limits
 from calib.targets.search import find_targets
 from calib.validation.comparison import Comparison, comparison_of
 from inspector.session.session import Session
@@ -28,7 +26,7 @@ class Beside:
     """Errors of N poses of one calibration, with the inputs against which they are plotted."""
 
     name: str
-    calibration: Calibration | None  # None for a version of the same measurements
+    calibration: Calibration
     pose_ids: tuple[str, ...]
     error_mm: Array  # (N,) 3D
     inputs: dict[str, Array]  # (N,) each
@@ -44,7 +42,9 @@ def measured_dataset(folder: Path, *, orientation: bool = False) -> Dataset:
     """Dataset of a folder that is not open, its scans searched where it has no points. Raises CalibError."""
     dataset = within_limits(printable(folder.name), load_dataset, folder)
     if dataset.points is None:
-        dataset = with_corners(dataset, find_targets(dataset, intermediate=False), orientation=orientation)
+        with BoundedExecutor(1) as executor:
+            found = find_targets(dataset, executor=executor, intermediate=False)
+        dataset = with_corners(dataset, found, orientation=orientation)
     return dataset
 
 
@@ -64,22 +64,7 @@ def beside_of_session(name: str, session: Session) -> Beside:
     return Beside.of(name, session.calibration, session.pose_errors)
 
 
-def beside_of_version(session: Session, name: str) -> Beside | None:
-    """Errors of one version of the session's model; None where there is none of this name."""
-    version = next((v for v in session.versions if v.name == name), None)
-    if version is None or session.pose_errors is None:
-        return None
-    errors = dict(zip(session.dataset.poses.ids, version.pose_errors_mm(), strict=True))
-    ids = session.pose_errors.pose_ids
-    return Beside(name, None, ids, np.array([errors[i] for i in ids]), session.pose_errors.inputs)
-
-
-def compared(shown: Beside, beside: Beside) -> Comparison | None:
-    """Comparison of the calibration on show with another; None for two models of the same measurements.
-
-    Raises FitError as `compare`.
-    """
-    if shown.calibration is None or beside.calibration is None:
-        return None
+def compared(shown: Beside, beside: Beside) -> Comparison:
+    """Comparison of the calibration on show with another. Raises FitError as `compare`."""
     one, other = map(without_blunders, (beside.calibration, shown.calibration))
     return comparison_of(one, other, (beside.name, shown.name))

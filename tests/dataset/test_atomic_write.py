@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from calib.dataset.files.atomic_write import write_all_atomically
+from calib.dataset.files.atomic_write import new_folder, write_all_atomically
 from calib.errors import DatasetError
 
 
@@ -38,9 +38,13 @@ def test_no_file_of_a_set_is_changed_where_one_cannot_be_written(
 
 
 def test_what_a_killed_writer_left_is_removed_by_the_next_one(tmp_path: Path) -> None:
-    old, young = tmp_path / ".points.csv.abc.part", tmp_path / ".points.csv.def.part"
-    for left in (old, young):
+    old, young, folder = (tmp_path / f".{name}.part" for name in ("points.csv.abc", "points.csv.def", "cell.abc"))
+    for left in (old, young, folder / "half"):
+        left.parent.mkdir(exist_ok=True)
         left.write_text("half")
-    os.utime(old, (1e9, 1e9))
+    for left in (old, folder):
+        os.utime(left, (1e9, 1e9))
     write_all_atomically({tmp_path / "points.csv": "whole"})
-    assert sorted(path.name for path in tmp_path.iterdir()) == [young.name, "points.csv"]
+    with new_folder(tmp_path / "cell") as made:
+        made.mkdir()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [young.name, "cell", "points.csv"]

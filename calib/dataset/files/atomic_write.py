@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from calib.errors import DatasetError
@@ -62,13 +64,37 @@ def write_all_atomically(contents: Mapping[Path, str | bytes]) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def _temporary(path: Path, content: bytes) -> Path:
-    """A temporary file with the content of one to be, in its folder, from which those of killed writers are removed."""
+def require_free(out: Path) -> None:
+    """Raise DatasetError where a path exists and is no empty folder."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise DatasetError(f"{out}: exists and is not empty; name a new folder")
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Path of a folder to make, which becomes `out`, new or empty, once the context ends without an error."""
+    require_free(out)
+    with tempfile.TemporaryDirectory(dir=out.absolute().parent, prefix=_cleared_prefix(out), suffix=_PART) as made:
+        draft = Path(made) / "whole"
+        yield draft
+        if out.exists():
+            out.rmdir()
+        draft.rename(out)
+
+
+def _cleared_prefix(path: Path) -> str:
+    """How temporary names beside a path begin; what killed writers left of them is removed."""
     path.parent.mkdir(parents=True, exist_ok=True)
     prefix = f".{path.name[:_NAME]}."
     for old in path.parent.iterdir():
         if old.name.startswith(prefix) and old.suffix == _PART and old.stat().st_mtime < time.time() - _LEFT_OVER_S:
-            old.unlink(missing_ok=True)
+            shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
+    return prefix
+
+
+def _temporary(path: Path, content: bytes) -> Path:
+    """A temporary file with the content of one to be, in its folder."""
+    prefix = _cleared_prefix(path)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=_PART)
     try:
         with os.fdopen(handle, "wb") as file:

@@ -19,7 +19,7 @@ from calib.corners.batch import of_one_jig
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset
-from calib.errors import DatasetError
+from calib.errors import CalibError, DatasetError
 from calib.extras.follow.campaign import Campaign, PoseJudgement, with_arrivals
 from calib.scans.scan import scan_file
 from calib.targets.search import find_targets
@@ -121,10 +121,13 @@ class CampaignFollower:
             return ""
         read = self._read
         try:
-            read = load_arriving_dataset(self.folder, growing)
+            if self.executor is None:
+                read = load_arriving_dataset(self.folder, growing)
+            else:
+                read = self.executor.submit(load_arriving_dataset, self.folder, growing).result()
             # A writer that writes the whole table anew empties it first: what is gone may be back at the next look.
             words = _LACKS_ROWS if self._read is not None and _lacks(read, self._read) else ""
-        except DatasetError as error:
+        except CalibError as error:
             words = str(error)
         if words:
             same = self._doubt is not None and self._doubt[0] == words
@@ -146,9 +149,7 @@ class CampaignFollower:
         if not new:
             return False
         others = tuple(pose_id for pose_id in dataset.poses.ids if pose_id not in new)
-        found = find_targets(
-            replace(dataset, left_out=others), executor=self.executor if len(new) > 1 else None, intermediate=False
-        )
+        found = find_targets(replace(dataset, left_out=others), executor=self.executor, intermediate=False)
         for pose_id, search in found.items():
             if search.unreadable and self._rested(paths[pose_id], PATIENCE_S) is None:
                 self._waiting.add(pose_id)  # perhaps a writer that pauses: looked at again

@@ -6,22 +6,29 @@ Scans are searched one by one (`open` and `process` are long work), so that what
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 
+from calib.corners.search import CornerSearch
 from calib.errors import CalibError
 from calib.measurement.measured_points import counted_reasons
 from calib.present.names import instrument
+from calib.scans.scan import Scan
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.stage import SceneController
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.panels.base import put
 from inspector.scene.draw_scan import draw_corners, draw_overview
+from inspector.server.background import Background, until_done
 from inspector.server.worker import LongWork
 from inspector.session import measuring
 from inspector.session.scan_cache import ScanCache
 
+AHEAD = 2  # scans that are read at a time
 WAITING = "The fit starts when all scans have been searched. Calibrate takes the corners found so far."
 
 
@@ -41,8 +48,13 @@ class DatasetController:
     ) -> None:
         self._folders, self._state, self._scans, self._panels = folders, state, scans, panels
         self._stage, self._model, self._on_open = stage, model, on_open
+        self._background = Background("scans", AHEAD)
         self._search_s = 0.0
         self._first = True  # whether the dataset on show was not opened before
+
+    def close(self) -> None:
+        """End the threads."""
+        self._background.close()
 
     # ---- datasets ---------------------------------------------------------------------------------------------------
 
@@ -93,14 +105,7 @@ class DatasetController:
         if self._state.session.redundancy is None:
             self.analyse_as_chosen()
             yield
-        tried: set[int] = set()
-        while (pose := self._scans.next(self._state.now.pose, tried)) is not None:
-            tried.add(pose)
-            searched, started = pose in self._state.session.needed, time.perf_counter()
-            self._work_on(pose)
-            self._search_s += time.perf_counter() - started if searched else 0.0
-            self._show_progress(running=True)
-            yield
+        yield from self._work_on_scans()
         self._show_progress(running=False)
         self._stage.show_corner()  # equal targets have their names only now, by all poses together
         self._stage.aim_again()
@@ -130,13 +135,36 @@ class DatasetController:
 
     # ---- scans ------------------------------------------------------------------------------------------------------
 
-    def _work_on(self, pose: int) -> None:
-        """Load one scan, search it where its corner is not measured yet, and draw the scan in the overview."""
-        scan = self._stage.load(pose)
-        if pose in self._state.session.needed:
-            self._state.keep(measuring.with_search(self._state.session, pose))
+    def _work_on_scans(self) -> LongWork:
+        """Long work that reads each scan and searches it where its corner is not measured yet, the next one ahead."""
+        dataset, tried = self._state.session.dataset, set[int]()
+        coming = deque[tuple[int, Future[tuple[Scan | None, CornerSearch | None]]]]()
+        while True:
+            started = time.perf_counter()
+            while len(coming) < AHEAD and (pose := self._scans.next(self._state.now.pose, tried)) is not None:
+                tried.add(pose)
+                needed = pose in self._state.session.needed
+                read_scan = partial(measuring.read_scan, dataset, pose, search=needed)
+                coming.append((pose, self._background.submit(read_scan)))
+            if not coming:
+                return
+            pose, future = coming.popleft()
+            read = yield from until_done(future, lambda: True)
+            assert read is not None
+            self._show_scan(pose, *read)
+            self._search_s += time.perf_counter() - started if read[1] is not None else 0.0
+            self._show_progress(running=True)
+            yield
+
+    def _show_scan(self, pose: int, scan: Scan | None, search: CornerSearch | None) -> None:
+        """Keep a scan's search, and draw the scan in the overview."""
+        view = self._state.now
+        if search is not None:
+            self._state.keep(measuring.with_result(view.session, pose, search))
+        if scan is None and search is not None:
+            self._state.change(failures={**view.failures, view.session.dataset.poses.ids[pose]: search.failure})
         first = not self._scans.medians and self._first
-        self._scans.worked_on(pose, scan)
+        self._scans.worked_on(pose, scan, keep=pose == view.pose)
         view, stage = self._state.now, self._stage
         if scan is not None and len(scan.points_mm):
             draw_overview(stage.scene, view, pose, scan)

@@ -177,7 +177,8 @@ def _own_file(asked: Asked) -> tuple[str, bytes]:
     template = kept_template(asked.session.dataset.folder)
     if template is None:
         raise CalibError(f"dataset {asked.session.dataset.name}: no URDF or YAML of the robot was kept at the import")
-    return f"calibrated{template.suffix}", _table(asked).in_template(template).content
+    table = _table(asked)
+    return f"calibrated{template.suffix}", within_limits(template.name, table.in_template, template).content
 
 
 def _model(asked: Asked) -> tuple[str, bytes]:

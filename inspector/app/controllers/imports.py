@@ -10,6 +10,7 @@ from typing import Any
 import viser
 
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.atomic_write import require_free
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.import_dataset import copy_dataset, write_plan
 from calib.dataset_import.plan import ImportPlan, ImportSources, PlannedColumn
@@ -268,18 +269,20 @@ class Imports:
         if at is None or at.files is None:
             return
         files, plan, name = at.files, at.plan, plain_name(str(at.window.name.value))
-        out = self._folder / name
+        out, made = self._folder / name, self.uploads.of(client) / "made" / name  # what is killed goes with the uploads
         at.window.busy()
         try:
             if out.exists():
                 raise CalibError(f"{name}: there is a dataset of this name already; give another one")
             yield from self._background.run(lambda: self.uploads.refuse_copy(client))
             if plan is None:
-                yield from self._background.run(lambda: copy_dataset(files.datasets[0], out))
+                yield from self._background.run(lambda: within_limits(name, copy_dataset, files.datasets[0], made))
             else:
-                yield from self._background.run(lambda: write_plan(plan, out))
+                yield from self._background.run(lambda: within_limits(name, write_plan, plan, made))
+            require_free(out)
+            made.rename(out)
         except CalibError as error:
-            at.window.say(str(error).replace(f"{at.folder}/", ""))
+            at.window.say(str(error).replace(f"{at.folder}/", "").replace(f"{made.parent}/", ""))
             at.window.open.disabled = False
             return
         saved = at.session

@@ -9,7 +9,7 @@ import viser
 
 from calib.array_types import Array, BoolArray
 from calib.corners.search import CornerSearch
-from calib.errors import ScanError
+from calib.errors import CalibError, ScanError
 from calib.present.names import instrument
 from calib.scans.scan import Scan
 from inspector.app.page.page_state import PageState
@@ -74,7 +74,7 @@ class SceneController:
             scan = self._scans.load(pose, keep=pose == view.pose)
             _require_as_searched(scan, view.session.searches.get(pose_id))
             return scan
-        except ScanError as error:
+        except CalibError as error:
             self._state.change(failures={**view.failures, pose_id: str(error)})
             return None
 

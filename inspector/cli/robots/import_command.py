@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from calib.dataset.dataset import ROLES, Dataset
+from calib.dataset.files.atomic_write import require_free
 from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import (
     copy_dataset,
     plan_of_files,
-    require_free,
     scan_files,
     unpacked,
     without_folder,

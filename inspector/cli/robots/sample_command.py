@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 import tomllib
 from importlib import metadata
 from pathlib import Path
 
+from calib.dataset.files.atomic_write import new_folder
 from calib.errors import DatasetError
 from inspector.cli.dataset_commands import show
 from inspector.cli.options.datasets import SampleOptions
@@ -71,15 +71,8 @@ def _description(folder: Path) -> str:
 
 def _copy(sample: Path, out: Path) -> None:
     """Copy a sample's files to `out` atomically, owned by the user."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise DatasetError(f"{out}: exists and is not empty; name a new folder with --out")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as made:
-        whole = Path(made) / "sample"
+    with new_folder(out) as whole:
         for file in sorted(path for path in sample.rglob("*") if path.is_file()):
             place = whole / file.relative_to(sample)
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, place)
-        if out.exists():
-            out.rmdir()
-        whole.rename(out)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.dataset.files.atomic_write import require_free
 from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refuse_beyond
 from calib.errors import DatasetError
@@ -22,8 +23,7 @@ from inspector.cli.progress import progress
 
 def run_simulate(options: SimulateOptions) -> int:
     """Simulate a dataset with known truth."""
-    if options.path.exists() and (not options.path.is_dir() or any(options.path.iterdir())):
-        raise DatasetError(f"{options.path}: exists and is not empty; name a new folder")
+    require_free(options.path)
     least, most = LEAST_SIGMA_MM, MOST_SIGMA_MM
     if options.noise_mm != 0.0 and not least <= options.noise_mm <= most:  # such a dataset could not be read
         raise DatasetError(f"--noise-mm {options.noise_mm:g}: give 0, or {least:g} to {most:g} mm")

@@ -14,6 +14,7 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.extras.camera.observed import camera_of, image_path
 from calib.extras.camera.view import View
+from calib.served_process import within_limits
 from inspector.figures.style import figure
 
 _LONGEST_SHARE = 0.06  # of the image's width, of the longest arrow
@@ -71,15 +72,18 @@ def reprojected_corners(dataset: Dataset, view: View, predicted: Array | None = 
 def photograph(path: Path) -> str | None:
     """Image file as the data URI of a small grey JPEG; None where it cannot be read or Pillow is not installed."""
     try:
-        from PIL import Image
-    except ImportError:
+        content = within_limits(path.name, _small_jpeg, path)
+    except Exception:  # whatever stands in the file: the corners are shown without it
         return None
-    try:
-        with Image.open(path) as opened:
-            picture = opened.convert("L")
-            picture.thumbnail((_WIDEST_PX, _WIDEST_PX))
-    except (OSError, ValueError, Image.DecompressionBombError):
-        return None
+    return f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _small_jpeg(path: Path) -> bytes:
+    from PIL import Image
+
+    with Image.open(path) as opened:
+        picture = opened.convert("L")
+    picture.thumbnail((_WIDEST_PX, _WIDEST_PX))
     content = io.BytesIO()
     picture.save(content, "JPEG", quality=_JPEG_QUALITY)
-    return f"data:image/jpeg;base64,{base64.b64encode(content.getvalue()).decode('ascii')}"
+    return content.getvalue()

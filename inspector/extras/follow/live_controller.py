@@ -8,6 +8,7 @@ import time
 from calib.errors import CalibError
 from calib.extras.follow.campaign import Campaign
 from calib.extras.follow.follower import CampaignFollower
+from calib.served_process import BoundedExecutor
 from inspector.app.page.tab_controller import Page, TabController
 from inspector.extras.follow.live_panel import LivePanel
 from inspector.server.background import Background
@@ -21,7 +22,7 @@ class LiveController(TabController):
 
     def __init__(self, page: Page, panel: LivePanel) -> None:
         self._folders, self._state, self._worker, self._panel = page.folders, page.state, page.worker, panel
-        self._background = Background("live")
+        self._background, self._bounded = Background("live"), BoundedExecutor(1)
         self._followers: dict[str, CampaignFollower] = {}  # by dataset: what was searched stays known
         self._stop = threading.Event()
         self._stop.set()
@@ -31,6 +32,7 @@ class LiveController(TabController):
         """End the looks and the thread."""
         self._stop.set()
         self._background.close()
+        self._bounded.shutdown(wait=False, cancel_futures=True)
 
     @property
     def campaign(self) -> Campaign | None:
@@ -64,7 +66,7 @@ class LiveController(TabController):
         name = self._state.name
         if self._stop.is_set() or name not in self._folders:
             return
-        follower = self._followers.setdefault(name, CampaignFollower(self._folders[name]))
+        follower = self._followers.setdefault(name, CampaignFollower(self._folders[name], self._bounded))
         before = follower.campaign
         try:
             news = yield from self._background.run(lambda: follower.look(time.monotonic()))

@@ -1,4 +1,4 @@
-"""Tab Beside: a second dataset, or an earlier version of the model, compared with the calibration on show."""
+"""Tab Beside: a second dataset, compared with the calibration on show."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ NOTE = (
     "Before and after a repair, or two arms of a type: another dataset beside the one on show. Each is fitted by "
     "itself, so that another place of the instrument does not count as a difference of the arms."
 )
-SAME_POINTS = "Both are fits of the same measurements: their parameters are in the tab Fit."
-NONE, VERSION = "–", "this arm: "
+NONE = "–"
 
 
 class SideBySidePanel:
@@ -28,9 +27,7 @@ class SideBySidePanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
-        self.other = gui.add_dropdown(
-            "Beside", (NONE,), hint="another dataset of the folder, or a version of this model"
-        )
+        self.other = gui.add_dropdown("Beside", (NONE,), hint="another dataset of the folder")
         self.against = gui.add_dropdown("Plotted against", (NONE,), hint="what the errors are plotted against")
         self._state = gui.add_html("")
         self._plot = hidden_plot(gui, 0.75, "errors side by side")
@@ -42,12 +39,12 @@ class SideBySidePanel:
 
     @property
     def chosen(self) -> str:
-        """Choice to compare with: a dataset's name, VERSION and a version's name, or NONE."""
+        """Choice to compare with: a dataset's name, or NONE."""
         return str(self.other.value)
 
-    def offer(self, datasets: tuple[str, ...], versions: tuple[str, ...]) -> None:
+    def offer(self, datasets: tuple[str, ...]) -> None:
         """Update the choices; one that is no longer available becomes NONE."""
-        offer(self.other, (NONE, *datasets, *(f"{VERSION}{name}" for name in versions)))
+        offer(self.other, (NONE, *datasets))
 
     def say(self, words: str, *, bad: bool = False) -> None:
         """Show why there is nothing to compare yet."""
@@ -65,8 +62,8 @@ class SideBySidePanel:
         if drawing == self._drawn and all(a is b for a, b in zip(fits, self._fits, strict=True)):
             return
         found = compared(one, other)
-        self._state.content = elements.note(SAME_POINTS) if found is None else html.panel(comparison_head(found))
-        self._differences.content = "" if found is None else html.panel([errors(found), *parameters(found)])
+        self._state.content = html.panel(comparison_head(found))
+        self._differences.content = html.panel([errors(found), *parameters(found)])
         self._plot.visible = title in inputs
         if title in inputs:
             name, robot = inputs[title], view.session.dataset.robot
@@ -76,6 +73,5 @@ class SideBySidePanel:
                 (one.error_mm, other.error_mm),
                 (one.pose_ids, other.pose_ids),
                 x_title=title,
-                same_poses=found is None,
             )
         self._drawn, self._fits = drawing, fits

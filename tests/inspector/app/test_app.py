@@ -6,6 +6,7 @@ import json
 import shutil
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,13 +83,13 @@ def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: 
 @pytest.fixture
 def slow_searches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches as long as those of large scans, so that a page sees each of them go by."""
-    search = measuring.with_search
+    read = measuring.read_scan
 
-    def slow(*arguments: object) -> Session:
+    def slow(*arguments: Any, search: bool) -> object:
         time.sleep(SEARCH_S)
-        return search(*arguments)  # type: ignore[arg-type]
+        return read(*arguments, search=search)
 
-    monkeypatch.setattr(measuring, "with_search", slow)
+    monkeypatch.setattr(measuring, "read_scan", slow)
 
 
 @pytest.mark.thorough

@@ -10,7 +10,7 @@ import pytest
 
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
-from inspector.panels.model.side_by_side import NONE, VERSION
+from inspector.panels.model.side_by_side import NONE
 from tests.support.app import idle, plain
 from tests.support.checked_cell import measured_twice
 from tests.support.wire_client import WireClient
@@ -47,13 +47,6 @@ def test_the_change_between_two_datasets_is_named(app: App) -> None:
     assert [trace.name for trace in figure.data] == ["after", "before"]
     assert figure.data[0].ids is not None
     assert figure.data[1].ids is None  # the poses of another dataset cannot be selected
-
-
-def test_an_earlier_version_of_the_model_stands_beside_it(app: App) -> None:
-    assert "same measurements" in beside(app, f"{VERSION}nominal")
-    ours, nominal = app.panels.side_by_side._plot.figure.data
-    assert np.median(nominal.y) > 5 * np.median(ours.y)
-    assert list(ours.ids) == list(nominal.ids)
 
 
 def test_another_kind_of_arm_is_refused_where_it_is_looked_for(app: App) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 
 import pytest
@@ -12,7 +13,9 @@ from calib.present.fit.errors import last_change
 from calib.rendering.blocks import plain
 from inspector.session import measuring
 from inspector.session import transitions as sessions
+from inspector.session.scan_cache import ScanCache
 from inspector.session.session import Session, StepErrors
+from tests.support.copies import ROOT
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
@@ -112,3 +115,16 @@ def test_without_test_poses_the_training_error_speaks() -> None:
 def test_points_have_no_scans_to_search(added: Session) -> None:
     with pytest.raises(CalibError, match="no scans"):
         measuring.with_search(added, 0)
+
+
+def test_no_file_of_a_dataset_is_opened_in_the_server() -> None:
+    folder, opened = ROOT / "sample_data" / "rb5_jang", list[str]()
+    sys.addaudithook(lambda event, told: opened.append(str(told[0])) if event == "open" and not ended else None)
+    ended = False
+    session = measuring.with_search(measuring.open_session(folder), 0)
+    scans = ScanCache()
+    scans.open(session.dataset)
+    assert scans.load(0, keep=True) is not None
+    ended = True
+    assert session.searches[session.dataset.poses.ids[0]].corner is not None
+    assert not [path for path in opened if path.startswith(str(folder))]
