@@ -1,13 +1,12 @@
-"""How soon the page shows and answers, what the server's process takes of memory, and frames a second in a browser.
+"""How soon the page shows and answers, and what the server's process takes of memory.
 
     python benchmarks/page.py [--scans 200000 1000000] [--count 64] [--dataset sample_data/hidden_effect_b]
 
-The server runs in a process of its own; but for frames, this one is a page that speaks its protocol
+The server runs in a process of its own; this one is a page that speaks its protocol
 (tests/support/wire_client.py) and takes the time until the last message of an answer is there and decoded. The
 browser's own time comes on top. Scans are corners of 60 mm edges with 0.02 mm noise, at the places of a simulated RB5,
 written straight to a temporary folder: it is the server that is tried, not the scanner. `peak` is the server's largest
-resident memory, interpreter and libraries included. Frames are those of requestAnimationFrame while the mouse turns the
-camera; the renderer is named, since one without a graphics card says little of one with. "after 3 s": the advised model
+resident memory, interpreter and libraries included. "after 3 s": the advised model
 is judged while its advice is read. `processor` is the time that the server itself used, whoever else was busy on the
 machine."""
 
@@ -22,7 +21,6 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -36,21 +34,6 @@ from tests.support.wire_client import WireClient  # noqa: E402
 LONG_S = 3600.0
 SWITCHES = 20  # poses turned to
 READS_S = 3.0  # that somebody reads a verdict before the next click
-TURNS_S, WARM = 3.0, 6  # that the camera turns, and how often before it counts
-COUNT_FRAMES = """() => {
-  const since = window.countedSince = performance.now();
-  window.countedFrames = 0;
-  const count = () => {
-    if (window.countedSince !== since) return;
-    window.countedFrames += 1;
-    requestAnimationFrame(count);
-  };
-  requestAnimationFrame(count);
-}"""
-RENDERER = """() => {
-  const gl = document.createElement('canvas').getContext('webgl'), named = gl.getExtension('WEBGL_debug_renderer_info');
-  return gl.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
-}"""
 
 
 class Server:
@@ -170,48 +153,6 @@ def adds(server: Server, page: WireClient, reads_s: float) -> None:
     )
 
 
-def frames_case(arrows: int, width: int = 1280, height: int = 800) -> None:
-    """Frames a second of a browser in which the camera turns about so many arrows."""
-    from calib.dataset.files.folder import write_dataset
-    from calib.dataset.files.robot_toml import builtin_robot
-    from calib.simulation.simulate import simulate_dataset
-    from tests.support.browser import COARSE, browser, close_notices, node_drawn, open_page, says
-
-    with tempfile.TemporaryDirectory() as folder, browser() as running:
-        rng = np.random.default_rng(7)
-        made = simulate_dataset(builtin_robot("rb5"), rng=rng, effects=[("joint_compliance", 4.0)], poses=arrows)
-        write_dataset(made.dataset, Path(folder) / "many")
-        server = Server(Path(folder) / "many")
-        with open_page(running, f"http://127.0.0.1:{server.port}", width, height) as page:
-            node_drawn(page, "/scene/residuals/arrows")
-            says(page, "What is left: ")
-            close_notices(page)
-            for _ in range(WARM):  # until what a browser does once is done: shaders, reflections
-                turning(page)
-            per_s = [turning(page) for _ in range(3)]
-            print(
-                f"camera turning               {np.median(per_s):7.1f} frames a second, least of 3: {min(per_s):.1f}   "
-                f"({page.evaluate(RENDERER)}, {COARSE:g} of the pixels an axis)"
-            )
-        server.close()
-
-
-def turning(page: Any) -> float:
-    """Frames a second while the mouse turns the camera."""
-    box = page.locator("canvas").first.bounding_box()
-    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.3 * box["height"]
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.evaluate(COUNT_FRAMES)
-    began, step = time.perf_counter(), 0
-    while time.perf_counter() - began < TURNS_S:
-        step += 1
-        page.mouse.move(x + 80.0 * np.sin(0.1 * step), y)
-    frames, ms = page.evaluate("[window.countedFrames, performance.now() - window.countedSince]")
-    page.mouse.up()
-    return float(1000.0 * frames / ms)
-
-
 def scans_case(points: int, count: int) -> None:
     """So many scans of so many points: until the first is seen, until all are searched, switching, memory."""
     with tempfile.TemporaryDirectory() as folder:
@@ -273,16 +214,12 @@ def main() -> None:
     parser.add_argument("--dataset", type=Path, default=ROOT / "sample_data" / "hidden_effect_b")
     parser.add_argument("--scans", type=int, nargs="*", default=[200_000, 1_000_000])
     parser.add_argument("--count", type=int, default=64)
-    parser.add_argument("--arrows", type=int, default=1000, help="of the frames a second in a browser; 0: without one")
     options = parser.parse_args()
     if options.serve is not None:
         serve(options.serve)
         return
     print(f"{options.dataset.name}")
     points_case(options.dataset)
-    if options.arrows:
-        print(f"\nA browser, {options.arrows} arrows")
-        frames_case(options.arrows)
     for points in options.scans:
         print(f"\n{options.count} scans of {points:,} points")
         scans_case(points, options.count)

@@ -18,7 +18,6 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.origin import Origin, SavedOrigin
 from calib.diagnosis.effect_selection import FitStep
 from calib.errors import CalibError
@@ -143,11 +142,6 @@ def session_text(
     if dataset.new_setups:
         document["new_setups"] = dataset.new_setups
     return with_escapes(json.dumps(json.loads(to_json(document)), indent=1, ensure_ascii=False)) + "\n"
-
-
-def save_session(path: Path, session: Session, shown: Shown = NOTHING_SHOWN) -> None:
-    """Write the session file atomically."""
-    write_text_atomically(path, session_text(session, beside=path.parent, shown=shown))
 
 
 def _relative(folder: Path, beside: Path) -> str:

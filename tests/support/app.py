@@ -13,6 +13,8 @@ from inspector.app.app import App
 from inspector.app.controllers import model_controller
 from inspector.app.serving import serving
 from inspector.session.reopening import Opening
+from inspector.session.session import Session
+from inspector.session.session_file import NOTHING_SHOWN, Shown, session_text
 from tests.support.wire_client import WireClient
 
 IDLE_S = 90.0  # the longest that a page's work is waited for
@@ -63,3 +65,9 @@ def plain(page: WireClient) -> str:
 def shows(page: WireClient, *parts: str) -> None:
     """Wait until the page says all of this."""
     page.wait(lambda p: all(part in plain(p) for part in parts), 60.0)
+
+
+def save_session(path: Path, session: Session, shown: Shown = NOTHING_SHOWN) -> None:
+    """Write a session file, as a page's download does."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(session_text(session, beside=path.parent, shown=shown), encoding="utf-8")

@@ -58,10 +58,14 @@ def write_all_atomically(contents: Mapping[Path, str | bytes]) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:  # its own text names no file for a full disk, else the temporary one
-        raise DatasetError(f"{path}: cannot be written ({error.strerror or error}); name another place") from None
+        raise _unwritable(path, error) from None
     finally:
         for temporary in made.values():
             temporary.unlink(missing_ok=True)
+
+
+def _unwritable(path: Path, error: OSError) -> DatasetError:
+    return DatasetError(f"{path}: cannot be written ({error.strerror or error}); name another place")
 
 
 def require_free(out: Path) -> None:
@@ -72,14 +76,20 @@ def require_free(out: Path) -> None:
 
 @contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
-    """Path of a folder to make, which becomes `out`, new or empty, once the context ends without an error."""
+    """Path of a folder to make, which becomes `out`, new or empty, once the context ends without an error.
+
+    Raises DatasetError where `out` is not free or cannot be written.
+    """
     require_free(out)
-    with tempfile.TemporaryDirectory(dir=out.absolute().parent, prefix=_cleared_prefix(out), suffix=_PART) as made:
-        draft = Path(made) / "whole"
-        yield draft
-        if out.exists():
-            out.rmdir()
-        draft.rename(out)
+    try:
+        with tempfile.TemporaryDirectory(dir=out.absolute().parent, prefix=_cleared_prefix(out), suffix=_PART) as made:
+            draft = Path(made) / "whole"
+            yield draft
+            if out.exists():
+                out.rmdir()
+            draft.rename(out)
+    except OSError as error:
+        raise _unwritable(out, error) from None
 
 
 def _cleared_prefix(path: Path) -> str:

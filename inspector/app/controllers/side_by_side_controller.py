@@ -1,4 +1,4 @@
-"""Comparison of another dataset or version with the calibration on show. Runs on the worker's thread only."""
+"""Comparison of another dataset with the calibration on show. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 
 from calib.errors import CalibError
 from inspector.app.page.page_state import PageState
-from inspector.panels.model.side_by_side import NONE, VERSION, SideBySidePanel
+from inspector.panels.model.side_by_side import NONE, SideBySidePanel
 from inspector.server.background import Background
 from inspector.server.worker import LongWork
-from inspector.session.side_by_side import Beside, beside_of_folder, beside_of_session, beside_of_version
+from inspector.session.side_by_side import Beside, beside_of_folder, beside_of_session
 
 NOT_YET = "Nothing to compare yet: the model is fitted when the search has ended."
-CHOOSE = "Choose what to see beside this calibration: another dataset of the folder, or a version of this model."
+CHOOSE = "Choose what to see beside this calibration: another dataset of the folder."
 
 
 class SideBySideController:
@@ -29,10 +29,9 @@ class SideBySideController:
         self._background.close()
 
     def show(self) -> LongWork:
-        """Long work that compares the chosen dataset or version with the model on show."""
+        """Long work that compares the chosen dataset with the model on show."""
         view = self._state.now
-        names = [version.name for version in view.versions if version is not view.session.versions[-1]]
-        self._panel.offer(tuple(n for n in self._folders if n != self._state.name), tuple(names))
+        self._panel.offer(tuple(n for n in self._folders if n != self._state.name))
         chosen = self._panel.chosen
         if view.session.calibration is None or chosen == NONE:
             self._panel.say(NOT_YET if view.session.calibration is None else CHOOSE)
@@ -47,10 +46,8 @@ class SideBySideController:
             self._panel.say(str(error), bad=True)
 
     def _other(self, chosen: str) -> Generator[None, None, Beside | None]:
-        """Long work that ends with the errors of the chosen dataset or version; None where it no longer exists."""
+        """Long work that ends with the errors of the chosen dataset; None where it no longer exists."""
         session = self._state.session
-        if chosen.startswith(VERSION):
-            return beside_of_version(session, chosen.removeprefix(VERSION))
         known = self._state.known(chosen)
         if known is not None and known.calibration is not None:
             return beside_of_session(chosen, known)

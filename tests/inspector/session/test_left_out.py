@@ -14,9 +14,10 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import reopened
 from inspector.session.session import Session, asked_out
-from inspector.session.session_file import load_session, save_session
+from inspector.session.session_file import load_session
 from inspector.session.transitions import with_pose_taken_in, with_poses_left_out
 from inspector.session.undo import UNDO_STEPS, Undo
+from tests.support.app import save_session
 from tests.support.commands import answered
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 

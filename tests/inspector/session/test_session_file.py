@@ -19,7 +19,8 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, opening, reopened
 from inspector.session.session import Session
-from inspector.session.session_file import Shown, load_session, save_session, session_text
+from inspector.session.session_file import Shown, load_session, session_text
+from tests.support.app import save_session
 from tests.support.commands import refused
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
