@@ -11,11 +11,14 @@ import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
+from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.errors import DatasetError
 from calib.text_files.column_names import plain, split_unit
 from calib.text_files.csv_text import MOST_BYTES, MOST_CELLS, lines_of
@@ -85,26 +88,41 @@ def sheets(path: Path) -> dict[str, Rows]:
     if not path.is_file():
         raise DatasetError(f"{path}: no such file; name a table of numbers")
     _refuse_large(path)
-    try:
-        from python_calamine import CalamineError, CalamineWorkbook
-    except ModuleNotFoundError:
+    if find_spec("python_calamine") is None:
         raise DatasetError(
             f"{path}: a spreadsheet is read with python-calamine, which is not installed: "
             "pip install 'robot-calibration-inspector[sheets]', or save the sheet as CSV"
-        ) from None
+        )
+    status = path.stat()
+    return _sheets(path, (status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=4)
+def _sheets(path: Path, _version: tuple[int, int]) -> dict[str, Rows]:
+    """Sheets of a workbook, which two cells far apart lead to ask for any memory: read in a bounded process."""
     try:
-        workbook = CalamineWorkbook.from_path(str(path))
-        named = {
-            name: workbook.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in workbook.sheet_names
-        }
+        told = ask("calib.text_files.records:workbook", {"path": str(path.absolute())}, ProcessLimits(seconds=60.0))
+    except ProcessFailed as error:
+        told = f"it {error}"
+    if isinstance(told, str):
+        raise DatasetError(f"{path}: cannot be read as a spreadsheet ({told}); save its sheet as CSV")
+    return {name: rows for name, rows in told.items() if rows}
+
+
+def workbook(request: Mapping[str, str]) -> dict[str, Rows] | str:
+    """Tables of a workbook's sheets by name, or why it cannot be read: the answer of a bounded process."""
+    from python_calamine import CalamineError, CalamineWorkbook
+
+    try:
+        book = CalamineWorkbook.from_path(request["path"])
+        named = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
     except (CalamineError, OSError, ValueError, zipfile.BadZipFile) as error:
-        raise DatasetError(f"{path}: cannot be read as a spreadsheet ({error}); save its sheet as CSV") from None
-    tables = {name: _of_table([list(map(_cell, row)) for row in rows[:_MOST_ROWS]]) for name, rows in named.items()}
-    return {name: rows for name, rows in tables.items() if rows}
+        return str(error)
+    return {name: _of_table([list(map(_cell, row)) for row in rows[:_MOST_ROWS]]) for name, rows in named.items()}
 
 
 def _refuse_large(path: Path) -> None:
-    """Raise DatasetError for a workbook that is too large packed or unpacked."""
+    """Raise DatasetError for a workbook, or arrays of NumPy, too large packed or unpacked."""
     size = path.stat().st_size
     try:
         with zipfile.ZipFile(path) as packed:
@@ -113,8 +131,8 @@ def _refuse_large(path: Path) -> None:
         pass  # an .xls is none
     if size > _MOST_UNPACKED:
         raise DatasetError(
-            f"{path}: unpacked it has {size / 1e6:.4g} MB, a workbook has at most {_MOST_UNPACKED / 1e6:g} MB; "
-            "save the sheet as CSV"
+            f"{path}: unpacked it has {size / 1e6:.4g} MB, a table has at most {_MOST_UNPACKED / 1e6:g} MB; "
+            "save what is needed of it as CSV"
         )
 
 
@@ -144,8 +162,7 @@ def content_of(path: Path) -> Any:
         return documents[0] if len(documents) == 1 else documents
     if path.suffix.lower() in ARRAYS:
         try:
-            if path.stat().st_size > MOST_BYTES:
-                raise ValueError(f"more than {MOST_BYTES / 1e6:g} MB")
+            _refuse_large(path)
             found = np.load(path, allow_pickle=False)
             return found.tolist() if path.suffix.lower() == ".npy" else {key: found[key].tolist() for key in found}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
@@ -155,7 +172,7 @@ def content_of(path: Path) -> Any:
         if path.suffix.lower() in JSON_LINES:
             return [json.loads(line) for line in text.splitlines() if line.strip()]
         return json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # a ValueError also for an integer of thousands of digits
         raise DatasetError(f"{path}: cannot be read as JSON ({error}); one object a pose in a list is needed") from None
 
 

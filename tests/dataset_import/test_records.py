@@ -121,6 +121,7 @@ def test_a_bad_value_of_a_file_a_pose_is_told_with_the_files_name(truth: Dataset
         ("a.json", b"[1, 2", "cannot be read as JSON"),
         ("a.json", b'{"a": 1}', "holds no list of records"),
         ("a.json", b"[" * 5000, "cannot be read as JSON"),
+        ("a.json", b'[{"q1": ' + b"9" * 5000 + b"}]", "cannot be read as JSON"),
     ],
 )
 def test_what_is_no_table_is_one_line_and_not_used(name: str, content: bytes, says: str, tmp_path: Path) -> None:
@@ -129,6 +130,14 @@ def test_what_is_no_table_is_one_line_and_not_used(name: str, content: bytes, sa
     with pytest.raises(DatasetError, match=says):
         load_table(path)
     assert [file.kind for file in look_through(tmp_path).files] == [UNUSED]
+
+
+def test_two_cells_at_the_ends_of_a_sheet_end_its_reader_alone(tmp_path: Path) -> None:
+    made = openpyxl.Workbook()
+    made.active["A1"] = made.active["XFD1048576"] = 1
+    made.save(tmp_path / "far.xlsx")
+    with pytest.raises(DatasetError, match=r"far\.xlsx: cannot be read as a spreadsheet \(it ended its reader"):
+        load_table(tmp_path / "far.xlsx")
 
 
 def test_columns_of_a_plotted_log_are_the_joints_of_their_name() -> None:

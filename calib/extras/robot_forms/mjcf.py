@@ -17,6 +17,7 @@ from calib.robot_formats.robot_file import ReadOptions, RobotFile, of_chain, rea
 from calib.robot_formats.urdf.safe_xml import XmlFile
 
 _LIMITS = ProcessLimits(seconds=60.0, memory_bytes=2 * 1024**3)
+_MOST_PARTS = 10_000  # elements of a model; a whole humanoid has some thousands
 _REFUSED = {  # code, other models, or any number of parts and any size of memory
     "include": "give the file that it includes, or put its text there",
     **dict.fromkeys(
@@ -54,7 +55,9 @@ def read_mjcf(path: Path, reading: ReadOptions) -> RobotFile:
 def require_own_folder(file: XmlFile) -> None:
     """Raise RobotFileError where a model has refused parts or names a file that is not in its folder or below."""
     folder = file.path.absolute().parent
-    for element in file.root.with_all_below():
+    for number, element in enumerate(file.root.with_all_below()):
+        if number > _MOST_PARTS:
+            file.fail(element, f"found more than {_MOST_PARTS} elements", "give the arm alone")
         if element.tag in _REFUSED:
             file.fail(element, f"found <{element.tag}>", _REFUSED[element.tag])
         for key, name in element.attributes.items():

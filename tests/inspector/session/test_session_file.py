@@ -143,19 +143,6 @@ def test_every_file_that_a_fit_reads_counts(folder: Path, tmp_path: Path) -> Non
         whole = now
 
 
-def test_writing_is_whole_or_not_at_all(worked_on: Session, saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = saved.read_text()
-
-    def fails(*_: object) -> None:
-        raise OSError("disk full")
-
-    monkeypatch.setattr("os.replace", fails)
-    with pytest.raises(CalibError, match=r"cannot be written \(disk full\)"):
-        save_session(saved, replace(worked_on, steps=()))
-    assert saved.read_text() == before
-    assert [path.name for path in saved.parent.iterdir()] == ["session.json"]
-
-
 # ---- bad files ------------------------------------------------------------------------------------------------------
 
 
