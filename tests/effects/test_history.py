@@ -65,32 +65,6 @@ def test_links_follow_the_temperature_with_a_lag() -> None:
     np.testing.assert_allclose(lagged(np.array([20.0, 21.0, 21.0]), time_s, 100.0), 21.0 - np.exp(-time_s / 100.0))
 
 
-@pytest.mark.thorough
-def test_friction_whose_past_no_table_has_leaves_no_pose_over() -> None:
-    """The first poses of a session are not in the table: what they wound up is."""
-    whole = simulate_dataset(
-        "rb5",
-        rng=np.random.default_rng([77, 0]),
-        effects=(("path_friction", 1.5),),
-        poses=90,
-        noise_mm=0.02,
-    ).dataset
-    rows = np.flatnonzero((whole.poses.order >= 10) | (whole.poses.role == "reference"))
-    rows = rows[whole.poses.order[rows] >= 10]
-    role = whole.poses.role[rows].copy()
-    role[0] = "reference"
-    poses = replace(whole.poses.select(rows), role=role, came_from=np.zeros((0, 0)), order=np.zeros(0))
-    kept = np.isin(whole.points.pose, rows)
-    points = replace(
-        whole.points,
-        pose=np.searchsorted(rows, whole.points.pose[kept]),
-        xyz_mm=whole.points.xyz_mm[kept],
-        target=whole.points.target[kept],
-    )
-    found = diagnose(replace(whole, poses=poses, points=points))
-    assert (found.verdict, found.missing) == ("named", ("path_friction",))
-
-
 def test_poses_left_out_are_part_of_the_history() -> None:
     member = next(m for m in family_of(DATASET, "path_friction").members if isinstance(m, PathFriction))
     whole = member.shapes(RobotState.nominal(DATASET.robot, DATASET.poses))

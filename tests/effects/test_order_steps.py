@@ -51,27 +51,6 @@ def test_a_payload_that_changed_unsaid_is_found_beside_compliance() -> None:
 
 
 @pytest.mark.thorough
-def test_a_payload_that_was_taken_off_again_is_two_steps_of_one_cause() -> None:
-    for seed in range(20):
-        simulation = simulated(seed, ("payload_step", 4.0))
-        (true,) = simulation.truth.effects
-        assert isinstance(true, laws.PayloadStep)
-        if true.back < 56:
-            break
-    found = diagnose(simulation.dataset)
-    assert found.missing == ("payload_step",)
-    members = found.calibration.model.added_effects
-    assert {m.start.first for m in members if isinstance(m, PayloadStep)} == {true.first, true.back}
-    fitted = dict(zip([p.name for p in found.calibration.fit.parameters], found.calibration.fit.x, strict=True))
-    put_on, off = (
-        next(x for name, x in fitted.items() if name.startswith(f"payload_step.J2_from_p{at + 1}_"))
-        for at in (true.first, true.back)
-    )
-    assert put_on == pytest.approx(true.mass_kg * true.c_rad_per_nm[1], rel=0.2)
-    assert off == pytest.approx(-put_on, rel=0.3)
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, 1, 4])
 def test_a_bent_link_is_told_as_none_of_the_steps_that_are_parts_of_it(seed: int) -> None:
     """With the size that it has: the frame at the link's end, as the exact law turns and shifts it."""
