@@ -563,7 +563,7 @@ def soak_page(count: int, options: argparse.Namespace) -> Troubles:
     def opened() -> tuple[Any, Any]:
         browser = chromium.launch(executable_path=need_chromium(), args=list(FLAGS))
         page = browser.new_page()
-        page.on("pageerror", lambda error: found.append(f"on the page: {error}"))
+        page.on("pageerror", lambda error: found.append(f"on the page: {error.stack}"))
         page.goto(f"http://{HOST}:{server.port}/?fixedDpr={COARSE}")
         page.get_by_role("tab", name="Measure").wait_for(timeout=300_000)
         return browser, page

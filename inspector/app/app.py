@@ -292,9 +292,12 @@ class App:
 
     def tabs(self, names: str) -> None:
         """Show the view that belongs to the opened tabs, given as "Review/Learn/What is missing"."""
-        name = next((VIEW_OF_TAB[tab] for tab in reversed(names.split("/")) if tab in VIEW_OF_TAB), None)
+        opened = names.split("/")
+        name = next((VIEW_OF_TAB[tab] for tab in reversed(opened) if tab in VIEW_OF_TAB), None)
         if name is not None:
             self.worker.submit("view", lambda: self.stage.follow(name))
+        if self.state.view is not None:
+            self.worker.submit("plan opened", lambda: self.planning.opened("Plan" in opened))
 
     def keep_view(self, keep: bool) -> None:
         """Choose whether the 3D view stays unchanged when another tab is opened."""

@@ -83,6 +83,7 @@ class DatasetController:
         self._stage.scene.clear_overview()
         self._stage.scene.draw_instrument(instrument(session.dataset))
         review.set_poses(state.now)
+        review.show_box(state.now)
         if self._first:
             self._stage.choose_factor()
         else:

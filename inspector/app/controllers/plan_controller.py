@@ -27,6 +27,7 @@ class PlanController:
         self._drawing = PlanDrawing(scene)
         self._plans: dict[str, Planned] = {}  # by dataset
         self._background = Background("plan")
+        self._opened = False  # whether the plan is drawn: not over other tabs
 
     def close(self) -> None:
         """End the thread."""
@@ -42,7 +43,7 @@ class PlanController:
         """Show the purposes that can be planned for, and the plan of the model on show."""
         view, planned = self._state.now, self._planned
         self._panel.offer(aims_of(view.session))
-        self._drawing.draw(view, planned)
+        self._draw()
         if planned is not None:
             self._panel.update(planned)
         elif view.session.calibration is None:
@@ -50,8 +51,17 @@ class PlanController:
         else:
             self._panel.clear(STALE if self._state.name in self._plans else "")
 
+    def opened(self, opened: bool) -> None:
+        """Draw the plan while its tab is open."""
+        self._opened = opened
+        self._draw()
+
+    def _draw(self) -> None:
+        self._drawing.draw(self._state.now, self._planned if self._opened else None)
+
     def make(self) -> LongWork:
-        """Long work that plans poses as chosen in the tab."""
+        """Long work that plans poses as chosen in the tab, and draws them."""
+        self._opened = True
         name, session = self._state.name, self._state.session
         aim, count, payload_kg = self._panel.asked
         self._panel.say("Planning …")

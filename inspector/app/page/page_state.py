@@ -42,7 +42,7 @@ class PageState:
         if self.view is not None:
             self._views[self.name] = self.view
             view = self._views.get(name, view)
-        first = replace(view, pose=0, joint=None, step=None, failures={})
+        first = replace(view, pose=0, joint=None, step=None, boxed=(), failures={})
         self.name, self.view = name, first.with_session(session)
         self._on_change(self.view)
 

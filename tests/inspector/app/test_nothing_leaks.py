@@ -7,9 +7,11 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from inspector.app.app import App
+from inspector.scene.scene_view import ROOT
 from inspector.server.worker import LongWork
 from inspector.session.session import Session
 from tests.support.app import idle, idle_app
@@ -94,6 +96,22 @@ def test_choices_are_one_datasets(app: App, page: WireClient) -> None:
         assert {label: other.value(label) for label in defaults} == {label: chosen[label] for label in defaults}
         assert other.value("Measured") == "distance"
     assert app.state.now.arrows == 3.0
+
+
+def test_a_box_and_rays_of_a_plan_end_with_what_they_belong_to(app: App) -> None:
+    app.box(lambda places: np.ones(len(places), dtype=bool))
+    idle(app)
+    assert len(app.state.now.boxed) > 30
+    open_(app, "two")
+    open_(app, "one")
+    assert (app.state.now.boxed, app.panels.review._boxed.content) == ((), "")
+    with WireClient(app.server.get_port()) as page:
+        app.plan()
+        page.wait(lambda p: f"{ROOT}/plan/rays" in p.scene)
+        app.tabs("Review/Model/Compare")
+        page.wait(lambda p: f"{ROOT}/plan/rays" not in p.scene)
+        app.tabs("Review/Learn/Plan")
+        page.wait(lambda p: f"{ROOT}/plan/rays" in p.scene)
 
 
 def test_a_search_that_began_before_the_first_fit_is_not_the_next_datasets(app: App) -> None:
