@@ -16,7 +16,6 @@ from inspector.markup.parts.palette import (
     FILTER_COLOURS,
     HIGHLIGHT,
     LEFT_OUT,
-    MEASURE,
     MODEL_BEFORE,
     MODEL_COLOURS,
     REJECTED,
@@ -56,11 +55,9 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None, arrow
         parts.append(elements.legend(numbered, before="sets rejected by filter"))
     if "distance" in visible and distances_mm is not None and np.isfinite(distances_mm).any():
         parts.append(distance_bar(distances_mm))
-    found = corner_of(view, view.pose)
-    if "corner" in visible and found is not None:
+    if "corner" in visible and corner_of(view, view.pose) is not None:
         what = "point" if view.session.dataset.scan_folder is None else "corner"
-        sigma = "" if found[1] is None else f", σ {numbers.length(float(np.sqrt(np.trace(found[1]))))}"
-        parts.append(elements.legend([(HIGHLIGHT, f"this {what}{sigma}, 1σ drawn × {view.factor:g}")]))
+        parts.append(elements.legend([(HIGHLIGHT, f"this {what}, 1σ × {view.factor:g}")]))
     version = view.version
     if version is not None and visible & {"residuals", "predicted"}:
         parts.append(errors_legend(version, view))
@@ -68,8 +65,6 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None, arrow
         parts.append(elements.legend([(MODEL_COLOURS[version.name], version.name)], before=worst))
         if "before" in visible and view.version_before is not None:
             parts.append(elements.legend([(MODEL_BEFORE, "the model a step before")]))
-    if version is not None and visible & {"arm", "floor"}:
-        parts.append(_of_the_base(visible))
     if view.session.dataset.robot.carries_scanner and visible & {"corners", "arm", "overview"}:
         parts.append(elements.note(on_flange(view.session.dataset)))
     return "".join(parts)
@@ -84,13 +79,6 @@ def on_flange(dataset: Dataset) -> str:
         f"The arm carries the {instrument(dataset)}, and all is drawn as that sees it: each point is {what} in the "
         f"room, seen at one pose, and the base moves from pose to pose.{scans}"
     )
-
-
-def _of_the_base(visible: set[str]) -> str:
-    """HTML legend of the base's axes and of the floor's grid."""
-    axes = (("#CC0000", "x"), ("#00CC00", "y"), ("#0000CC", "z")) if "arm" in visible else ()
-    grid = ((MEASURE, "floor, 100 mm a square"),) if "floor" in visible else ()
-    return elements.legend([*axes, *grid], before="base" if axes else "")
 
 
 def errors_legend(version: Version, view: View) -> str:

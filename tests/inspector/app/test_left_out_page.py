@@ -57,7 +57,7 @@ def test_left_out_and_taken_in_again(app: App, page: WireClient) -> None:
     page.wait(lambda p: grey_points(p) == 1)
     page.wait(lambda p: not in_plots(p, POSE))
     assert any(f" pose {POSE}" in figure for figure in page.figures())  # the history of the error
-    assert f"{ROOT}/corner/label" in page.scene  # it can still be looked at
+    assert f"{ROOT}/corner/ellipsoid" in page.scene  # it can still be looked at
     page.click(TAKE_IN)
     page.wait(lambda p: p.has(LEAVE_OUT))
     idle(app)

@@ -97,7 +97,7 @@ def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: Wir
         "Corner": ("face 3", "this corner"),
         "All corners": ("training", "arrows ×"),
         "Distance": ("Distance to the nearest chosen face", "face 2"),
-        "Arm": ("training", "arrows ×", "selected pose", "floor, 100 mm a square"),
+        "Arm": ("training", "arrows ×", "selected pose"),
     }
     app.show_view(look)
     idle(app)
@@ -119,7 +119,7 @@ def test_the_legend_leaves_out_what_is_not_there(app: App) -> None:
     trained = replace(now, session=replace(now.session, dataset=replace(now.session.dataset, poses=poses)))
     assert "reference" not in legend_html(trained, VIEW_LAYERS["Arm"], None)
     unfitted = replace(now, session=replace(now.session, versions=()))
-    assert "floor" not in legend_html(unfitted, VIEW_LAYERS["Arm"], None)
+    assert "arrows" not in legend_html(unfitted, VIEW_LAYERS["Arm"], None)
 
 
 def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -> None:

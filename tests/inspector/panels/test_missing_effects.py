@@ -194,7 +194,7 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
     page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 (q1), °", "error length, mm"))
     for name, rows in (("training", ~pose_errors.is_test), ("test", pose_errors.is_test)):
         assert left_plot(page)[name]["y"] == pytest.approx(pose_errors.error_length_mm[rows].tolist())
-    assert len(page.props("Against")["options"]) == len(pose_errors.inputs) + 1
+    assert len(page.props("Against")["options"]) == len(pose_errors.inputs)
     page.set("Against", "temperature, °C")
     page.set("Show", "apparent motion of joint 3, millidegrees")
     page.wait(lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, millidegrees"))
