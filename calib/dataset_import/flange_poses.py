@@ -53,7 +53,12 @@ def readings_of(table: UserTable, *, any_form: bool = False, what: str = "the fl
     if any_form:
         choices = [replace(each, forms=tuple(dict.fromkeys((*each.forms, *ANY_FORM)))) for each in choices]
     found = [one for columns in choices for one in _readings(table, columns)]
-    if len(table) > 1 and found and not np.ptp(found[0].base_T_flange, axis=0).any():
+    if not found:
+        used = ", ".join(name for each in choices for name in each.attitude)
+        raise CalibError(
+            f"{table.path}: {used} are no unit quaternions and no matrices of a rotation; export them anew"
+        )
+    if len(table) > 1 and not np.ptp(found[0].base_T_flange, axis=0).any():
         raise CalibError(
             f"{table.path}: {what} stands at one pose in all {len(table)} rows: nothing can be learned from them; "
             "log its pose anew at each measurement"

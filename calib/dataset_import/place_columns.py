@@ -33,7 +33,7 @@ _FORMS = tuple(
         rf"(?P<after>)(?P<axis>[xyz])(?P<stem>(?:{_KNOWN})+)",
     )
 )
-_NUMBERED = re.compile(r"(?P<stem>.*?)[\W_]*(?P<number>\d+)\W?")
+_NUMBERED = re.compile(r"(?P<stem>.*?)[\W_]*(?P<number>\d{1,9})\W?")
 _PLACES = (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"))
 _TURNS: dict[tuple[str, ...], tuple[str, ...]] = {  # () of forms: a quaternion, of the last in an order not told
     ("rx", "ry", "rz"): ANY_FORM,
@@ -160,7 +160,8 @@ def pose_columns(names: Sequence[str]) -> PoseColumns | None:
             of_joints = turns[0] == "q1" and "q5" in by_name
             if attitude and not of_joints and set(place).isdisjoint(attitude):
                 return PoseColumns(place, attitude, forms)
-    return _matrix(by_name)
+    matrices = (columns for columns in _numbered(names).values() if len(columns) in (12, 16))
+    return _matrix(by_name) or next((PoseColumns((), columns, ()) for columns in matrices), None)
 
 
 def has_poses(table: UserTable) -> bool:
@@ -187,12 +188,12 @@ def _matrix(by_name: Mapping[str, str]) -> PoseColumns | None:
 
 
 def _numbered(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Numbered columns by what stands before their numbers."""
-    found: dict[str, list[str]] = {}
+    """Numbered columns, in the order of their numbers, by what stands before these."""
+    found: dict[str, dict[int, str]] = {}
     for name in names:
         if match := _NUMBERED.fullmatch(split_unit(name)[0].lower()):
-            found.setdefault(match["stem"], []).append(name)
-    return {stem: tuple(columns) for stem, columns in found.items()}
+            found.setdefault(match["stem"], {})[int(match["number"])] = name
+    return {stem: tuple(columns[k] for k in sorted(columns)) for stem, columns in found.items()}
 
 
 def _numbered_poses(names: Sequence[str]) -> list[tuple[str, ...]]:
