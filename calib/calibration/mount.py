@@ -21,10 +21,13 @@ from calib.kinematics.cartesian import joints_of_poses
 from calib.kinematics.chain import nominal_chain
 from calib.kinematics.flange import flange_T_tip
 from calib.kinematics.robot import Robot
+from calib.statistics import covariance_root
 
 _UNKNOWN = 0.5  # of a parameter's prior variance: what keeps more is not known from the points
 _STEP = 1e-2  # of the tolerances
 _VARIED = 0.5  # of the tolerances, by which links change with a standard deviation of each coordinate of the flange
+_OPEN = 1e-12  # share of an information, below which the points leave an unknown open
+_VAGUE, _SEARCH = 0.01, 150  # of a prior on the logarithms of an arm's sizes; steps of their search
 _LEAST_SHARE = 0.05  # of the tolerances, to which what the points do not tell of the links is known at best
 
 
@@ -119,7 +122,8 @@ def mounts(calibration: Calibration) -> tuple[Mount, ...]:
 def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
     """Place of the instrument in each setup, from a fit of full poses; empty for other residuals.
 
-    It follows from positions and attitudes together, with all their covariances.
+    It follows from positions and attitudes together, with all their covariances. Of an arm whose links are held, which
+    err as such do, it is the likeliest with these errors, not the one that leaves the least.
     """
     if calibration.residual != "pose":
         return ()
@@ -130,17 +134,22 @@ def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
     nuisance = residuals.nuisance(fit.x)
     root, told = _parameter_roots(calibration)
     noise = fit.reduced_chi if np.isfinite(fit.reduced_chi) else 1.0
-    by_arm = np.zeros((nuisance.by_frames.shape[1], 0))
+    by_arm, x, motion = np.zeros((nuisance.by_frames.shape[1], 0)), fit.x, np.zeros(nuisance.by_frames.shape[1])
     if not calibration.fits_links and residuals.has_orientation.all():
-        by_arm, noise = _held_arm(calibration, observed, residuals, nuisance)
+        by_arm, noise, change = _held_arm(calibration, observed, residuals, nuisance)
+        x, motion = x + change[: len(x)], change[len(x) :]
+    placed = residuals.moved(nuisance.placed, motion, nuisance.error)
+    base_mm, attitude = predict_poses(model, x, residuals.observed)
     size = np.maximum(np.linalg.norm(nuisance.by_frames, axis=0), 1e-300)
     pseudo = np.linalg.pinv(nuisance.by_frames / size, rcond=1e-9) / size[:, None]
     follows, own = -pseudo @ nuisance.by_parameters, noise * pseudo
+    if by_arm.shape[1] and not model.robot.is_cartesian:
+        follows, own = 0.0 * follows, 0.0 * own  # they are in `by_arm`
     poses, row = observed.used_poses
     base_T_last = model.state(fit.x, poses).base_T_flange[row]
     last_T_flange, carries = model.robot.flange.transform, model.robot.carries_scanner
     found = []
-    for k, (setup, scanner_T_base) in enumerate(nuisance.placed.scanner_T_base.items()):
+    for k, (setup, scanner_T_base) in enumerate(placed.scanner_T_base.items()):
         parent_T_camera = frames.invert(scanner_T_base)
         parent_T_camera = frames.invert(last_T_flange) @ parent_T_camera if carries else parent_T_camera
         to_mount = _to_mount(parent_T_camera, nuisance.centre_mm[setup])
@@ -149,7 +158,7 @@ def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
         by_noise = to_mount @ np.concatenate([own[part], by_arm[part]], axis=1)
         by_told = by_table[:, told]
         first = int(np.flatnonzero(observed.setup == setup)[0])
-        board = frames.make_transform(nuisance.attitude[first] @ nuisance.placed.tool_R_jig, nuisance.base_mm[first])
+        board = frames.make_transform(attitude[first] @ placed.tool_R_jig, base_mm[first])
         found.append(
             CameraPlace(
                 setup,
@@ -166,22 +175,28 @@ def camera_places(calibration: Calibration) -> tuple[CameraPlace, ...]:
 
 def _held_arm(
     calibration: Calibration, observed: Observations, residuals: PoseResiduals, nuisance: Nuisance
-) -> tuple[Array, float]:
-    """Errors (6 S + 3, K) of frames by those of an arm that is held, one sigma of each, and the noise beside them.
+) -> tuple[Array, float, Array]:
+    """Errors (6 S + 3, K) of frames by an arm that is held, one sigma of each, the noise beside them, and a change.
 
     All poses share the errors of links, within the tolerances. Their sizes, of lengths and of angles, are by which the
-    residual is larger in the directions that they move it in than in others.
+    residual is larger in the directions that they move it in than in others. With these errors in the covariance of the
+    residual the likeliest unknowns are others: the change (P + 6 S + 3,) of parameters and frames leads there. Poses of
+    a flange tell too little of an arm for that: their change is none.
     """
+    from scipy.optimize import minimize  # slow to load
+
     columns, is_length = arm_columns(calibration, observed, residuals, nuisance)
+    model, x, count = calibration.model, calibration.fit.x, nuisance.by_parameters.shape[1]
     every = np.concatenate([nuisance.by_parameters, nuisance.by_frames], axis=1)
     basis = orthonormal(every / np.maximum(np.linalg.norm(every, axis=0), 1e-300))
-    left = residuals.residual(calibration.fit.x)
-    left, apart = left - basis @ (basis.T @ left), columns - basis @ (basis.T @ columns)
+    residual = residuals.residual(x)
+    left, apart = residual - basis @ (basis.T @ residual), columns - basis @ (basis.T @ columns)
     ways = orthonormal(apart)
     inside = ways @ (ways.T @ left)
     free = len(left) - basis.shape[1] - ways.shape[1]
     if free < 1 or not ways.shape[1]:
-        return np.zeros((nuisance.by_frames.shape[1], 0)), calibration.fit.reduced_chi
+        none = np.zeros(every.shape[1])
+        return np.zeros((len(none) - count, 0)), calibration.fit.reduced_chi, none
     noise = float(np.sum((left - inside) ** 2)) / free
     excess = inside**2 - noise * np.sum(ways**2, axis=1)
     of_place = np.tile(np.repeat([True, False], 3), len(left) // 6)
@@ -192,12 +207,43 @@ def _held_arm(
     angles = max(float(np.sum(excess[~of_place])), 0.0) / max(moved(~of_place, ~is_length), 1e-300)
     rest = float(np.sum(excess[of_place])) - angles * moved(of_place, ~is_length)
     lengths = max(rest, 0.0) / max(moved(of_place, is_length), 1e-300)
-    known = np.concatenate([1.0 / calibration.model.scales**2, np.zeros(nuisance.by_frames.shape[1])])
-    scale = np.sqrt(np.maximum(np.sum(every**2, axis=0) + known, 1e-300))
-    bend = (every.T @ every + np.diag(known)) / np.outer(scale, scale)
-    follows = np.linalg.pinv(bend, rcond=1e-12, hermitian=True) @ (every.T @ columns / scale[:, None]) / scale[:, None]
-    sigmas = np.sqrt(np.where(is_length, lengths, angles))
-    return -follows[nuisance.by_parameters.shape[1] :] * sigmas, float(np.sqrt(noise))
+    tolerances, columns = columns, columns * np.sqrt(np.where(is_length, lengths, angles))
+    known = np.concatenate([1.0 / model.scales**2, np.zeros(every.shape[1] - count)])
+    if model.robot.is_cartesian:
+        spread, _ = _inverse(every.T @ every + np.diag(known))
+        return -(spread @ (every.T @ columns))[count:], float(np.sqrt(noise)), np.zeros(len(known))
+
+    def solved(logs: Array) -> tuple[float, Array, Array]:
+        """Minus the log likelihood of variances of noise, lengths and angles, the change and its covariance."""
+        square = np.exp(logs)
+        sizes = np.sqrt(np.where(is_length, *square[1:]))
+        ways, size, _ = np.linalg.svd(tolerances * sizes, full_matrices=False)
+        shrunk = 1.0 / np.sqrt(square[0] + size**2) - 1.0 / np.sqrt(square[0])
+        both = np.column_stack([every, residual])
+        white = both / np.sqrt(square[0]) + ways @ (shrunk[:, None] * (ways.T @ both))
+        unknown, right = white[:, :-1], white[:, -1]
+        spread, logs_of = _inverse(unknown.T @ unknown + np.diag(known))
+        gradient = unknown.T @ right + known * np.concatenate([x - model.means, np.zeros(len(known) - count)])
+        parts = len(residual) * logs[0] + np.sum(np.log1p(size**2 / square[0])) + logs_of
+        left = right @ right - gradient @ spread @ gradient + _VAGUE * np.sum(logs[1:] ** 2)
+        return 0.5 * float(parts + left), -spread @ gradient, spread
+
+    def height(logs: Array) -> float:
+        return solved(logs)[0]
+
+    start = np.array([np.log(max(noise, 1e-6)), -2.0, -2.0])
+    best = np.asarray(minimize(height, start, method="Nelder-Mead", options={"maxiter": _SEARCH}).x)
+    _, change, spread = solved(best)
+    return covariance_root(spread)[count:], float(np.exp(0.5 * best[0])), change
+
+
+def _inverse(information: Array) -> tuple[Array, float]:
+    """Inverse of an information matrix in any units, without what it leaves open, and the log of the determinant."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    bend, ways = np.linalg.eigh(information / np.outer(scale, scale))
+    told = bend > _OPEN
+    inverse = (ways[:, told] / bend[told]) @ ways[:, told].T / np.outer(scale, scale)
+    return inverse, float(np.sum(np.log(bend[told])) + 2.0 * np.sum(np.log(scale)))
 
 
 def arm_columns(

@@ -243,7 +243,7 @@ class PoseResiduals(ObservedResiduals):
                 motion = -ways @ (along / np.maximum(np.abs(bend), least))
                 if np.max(np.abs(motion), initial=0.0) < 1e-9 * (1.0 + float(np.linalg.norm(right))):
                     return placed, error, columns
-                there = self._moved(placed, motion / scale, error)
+                there = self.moved(placed, motion / scale, error)
                 error_there = self._errors(there, base_mm, attitude, self._as_measured)
                 right_there = self.whitened(error_there[:, :, None])[:, 0]
                 if least >= 1.0 or np.linalg.norm(right_there) <= np.linalg.norm(right):
@@ -303,7 +303,8 @@ class PoseResiduals(ObservedResiduals):
         out[:, 3:, -3:] = by_turn @ self._scanner_R_base(placed) @ attitude
         return out
 
-    def _moved(self, placed: FramesAndHandEye, motion: Array, error: Array) -> FramesAndHandEye:
+    def moved(self, placed: FramesAndHandEye, motion: Array, error: Array) -> FramesAndHandEye:
+        """Frames and hand-eye rotation after a motion (6 S + 3,), in the order of `Nuisance.by_frames`."""
         moved = {}
         at_mm = error[:, :3] + self._as_measured.xyz_mm
         for k, rows in enumerate(self._setup_rows):

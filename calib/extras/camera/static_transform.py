@@ -1,4 +1,4 @@
-"""A fixed transform, such as that of a camera, as ROS takes it: YAML with the command line of tf, and JSON.
+"""A fixed transform, such as that of a camera, as ROS takes it: YAML with the command line of tf.
 
 Lengths are metres and quaternions x, y, z, w, as everywhere in ROS. The camera's frame is the optical one (z along the
 sight, x right, y down).
@@ -6,7 +6,6 @@ sight, x right, y down).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,6 @@ from calib.array_types import Array
 from calib.errors import CalibError, is_one_line
 from calib.frames import quaternion_from_rotation
 
-SUFFIXES = (".yaml", ".json")
 _FORBIDDEN = set("\"'<>&{}[]:#, \t\\")
 
 
@@ -62,25 +60,10 @@ class StaticTransform:
 
 
 def transform_text(path: Path, transforms: Sequence[StaticTransform]) -> str:
-    """Text of a file with transforms, in the form that its suffix names. Raises CalibError for another suffix."""
-    if path.suffix.lower() in (".yaml", ".yml"):
-        return "---\n".join(_yaml(one) for one in transforms)
-    if path.suffix.lower() == ".json":
-        return json.dumps([_document(one) for one in transforms], indent=2) + "\n"
-    raise CalibError(f"{path}: the form follows the suffix: {', '.join(SUFFIXES)}")
-
-
-def _document(one: StaticTransform) -> dict[str, object]:
-    sigma = np.sqrt(np.diag(one.covariance))
-    return {
-        "parent": one.parent,
-        "child": one.child,
-        "translation_m": one.xyz_m,
-        "rotation_xyzw": one.xyzw,
-        "sigma_mm": sigma[:3].tolist(),
-        "turn_sigma_deg": np.degrees(sigma[3:]).tolist(),
-        "covariance_m_rad": one.covariance_m.tolist(),
-    }
+    """Text of a YAML file with transforms. Raises CalibError for another suffix."""
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        raise CalibError(f"{path}: name it .yaml; --json has the same as hand_eye")
+    return "---\n".join(_yaml(one) for one in transforms)
 
 
 def _yaml(one: StaticTransform) -> str:

@@ -13,7 +13,7 @@ class HandEyeOptions:
     """Where the camera is, as a file for ROS."""
 
     hand_eye_out: Path | None = option(
-        "write where the camera is, for ROS: .yaml or .json; with --residual pose",
+        "write where the camera is, for ROS, as .yaml; with --residual pose",
     )
     parent_frame: str | None = option(
         "your robot's name of the frame that carries the camera, such as tool0; of the base: base_link by default",

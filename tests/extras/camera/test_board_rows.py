@@ -14,6 +14,7 @@ from calib.errors import CalibError
 from calib.extras.camera.board import board_of
 from calib.extras.camera.importing.camera_views import CameraPoints
 from calib.extras.camera.observed import CameraViews
+from calib.kinematics.cartesian import cartesian_arm, joints_of_poses
 from tests.extras.camera.camera_dataset import true_lens
 from tests.support.camera_scene import ROBOT_FILE, Scene, flange, transform
 
@@ -171,6 +172,9 @@ def _moved(scene: Scene, seen: np.ndarray, rng: np.random.Generator) -> np.ndarr
     [
         ("sign", "joint 3 turns the other way"), ("zero", "joint 5 is counted from"), ("step", "out of step"),
         ("moved", "was moved between poses"), ("size", "times as large"), ("nonsense", "do not belong together"),
+        ("mirrored", "told in a left-handed frame"), ("axis", "y of the board's places has the other sign"),
+        pytest.param("degrees", "angles are in degrees", marks=pytest.mark.thorough),
+        pytest.param("quaternion", "the board's quaternions have w", marks=pytest.mark.thorough),
         pytest.param("order", "q4_deg and q5_deg have changed places", marks=pytest.mark.thorough),
         pytest.param("reversed", "opposite order", marks=pytest.mark.thorough),
     ],
@@ -186,6 +190,15 @@ def test_a_mistake_is_told_as_what_it_is(cell, mistake, says):
         q[:, 4] += 0.5 * np.pi
     elif mistake in ("reversed", "step"):
         seen = seen[::-1] if mistake == "reversed" else np.roll(seen, 1, axis=0)
+    elif mistake == "mirrored":
+        seen = np.diag([-1.0, 1.0, 1.0, 1.0]) @ seen @ np.diag([-1.0, 1.0, 1.0, 1.0])
+    elif mistake == "axis":
+        seen[:, 1, 3] *= -1.0
+    elif mistake == "degrees":
+        q = np.degrees(q)
+    elif mistake == "quaternion":
+        turns = Rotation.from_matrix(seen[:, :3, :3]).as_quat()
+        seen[:, :3, :3] = Rotation.from_quat(np.roll(turns, 1, axis=1)).as_matrix()
     elif mistake == "moved":
         seen = _moved(scene, seen, rng)
     elif mistake == "size":
@@ -196,3 +209,22 @@ def test_a_mistake_is_told_as_what_it_is(cell, mistake, says):
         settled(scene, q, seen)
     if mistake == "size":
         assert float(str(refused.value).split("lengths ")[1].split()[0]) == pytest.approx(1 / 1.1, rel=0.015)
+
+
+@pytest.mark.parametrize("axes", [0, 1])
+def test_a_flange_that_turns_about_no_axis_or_one_alone_is_told(axes):
+    """Where board and camera are along the axis no pose tells: one was 387 mm off without a word."""
+    rng = np.random.default_rng(5)
+    turns = Rotation.from_rotvec(np.outer(rng.uniform(-1.0, 1.0, POSES), [0.0, 0.0, float(axes)]))
+    poses = np.array([transform(turn, at) for turn, at in zip(turns, rng.uniform(0.0, 300.0, (POSES, 3)), strict=True)])
+    camera = transform(Rotation.from_rotvec([0.1, 0.2, 0.3]), [40.0, 0.0, 60.0])
+    seen = noisy(np.linalg.inv(poses @ camera) @ transform(Rotation.identity(), [500.0, 0.0, 100.0]), rng)
+    names = tuple(f"p{k + 1}" for k in range(POSES))
+    none = np.zeros((POSES, 6, 6))
+    given = CameraPoints(names, seen, none, none[:, :, :0], None, "flange")
+    if not axes:
+        with pytest.raises(CalibError, match="the same attitude at all poses"):
+            given.settled(cartesian_arm("arm"), names, joints_of_poses(poses), ())
+    else:
+        found = given.settled(cartesian_arm("arm"), names, joints_of_poses(poses), ())
+        assert any("turns about one axis alone" in doubt for doubt in found.doubts)

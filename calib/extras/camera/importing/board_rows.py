@@ -7,17 +7,29 @@ joints, rows that are out of step or turned round, and a board or camera that wa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from calib import frames
 from calib.array_types import Array, IndexArray
-from calib.consistency.hypotheses import DataHypothesis, column_names, of_reading, of_shifts, simplest_of
+from calib.consistency.hypotheses import (
+    JOINT_ORDER,
+    MIRRORED,
+    UNITS,
+    DataHypothesis,
+    column_names,
+    of_reading,
+    of_shifts,
+    simplest_of,
+)
 from calib.consistency.joint_reading import simple_readings
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.extras.camera.board_hand_eye import FAR, MOST, BoardHandEye, board_hand_eye, misfit_mm
+from calib.kinematics.cartesian import joints_of_poses
 from calib.kinematics.chain import nominal_chain
 
 FEWEST = 5  # poses of a hand-eye calibration that is judged
@@ -73,6 +85,11 @@ def require_no_mistake(
     if now_mm < _QUIET_MM and share > _QUIET_SHARE:
         return
     where = " and ".join(names)
+    if all(fit.scale < 0.0 and fit.scaled_mm < fit.rms_mm / _CLEAR for fit in best):
+        raise CalibError(
+            f"{where}: places and attitudes agree as in a mirror: one of both is told in a left-handed frame; negate "
+            "one axis there, of places and attitudes alike"
+        )
     found = {one: _misfit_mm(one.of_dataset(dataset), on_flange) for one in _mistakes(dataset)}
     best_mm = min(found.values(), default=np.inf)
     if best_mm < now_mm / _CLEAR:
@@ -92,11 +109,15 @@ def require_agreement(dataset: Dataset, fits: Sequence[BoardHandEye], names: Seq
     spread_mm = float(np.linalg.norm(np.std(flange_poses(dataset)[:, :3, 3], axis=0)))
     most = _SURE_SHARE if share == 1.0 and off_deg < _SURE_DEG else _MOST_SHARE
     if share < _LEAST_SHARE or off_deg > _MOST_DEG or off_mm > most * max(spread_mm, 100.0):
+        why = (
+            "no sign, order, zero or unit of joints, no axis of places, no shift of rows and no move explains it; "
+            "check that robot, joints and what the camera saw are of one run, and that each row has its own image"
+        )
+        if off_mm < _QUIET_MM and off_deg > _MOST_DEG:
+            why = "places agree and attitudes do not: the board is seen too small or straight on, and flips; go nearer"
         raise CalibError(
             f"{' and '.join(names)} do not belong together: {share:.0%} of them agree, to {off_mm:.3g} mm and "
-            f"{off_deg:.2g}°, where the flange spreads by {spread_mm:.3g} mm; no sign, order or zero of the joints, no "
-            "shift of the rows and no move explains it; check that robot, joints and what the camera saw are of one "
-            "run, and that each row has its own image"
+            f"{off_deg:.2g}°, where the flange spreads by {spread_mm:.3g} mm; {why}"
         )
 
 
@@ -107,6 +128,26 @@ def _misfit_mm(dataset: Dataset, on_flange: bool, most: float = MOST) -> float:
     return max(each, default=float("inf"))
 
 
+@dataclass(frozen=True, eq=False)
+class _OtherPoses(DataHypothesis):
+    """A mistake in how poses are told: of the board, or of the flange of an arm that stands for them."""
+
+    corrected: Callable[[Array], Array] = np.array
+    of_flange: bool = False
+
+    def of_dataset(self, dataset: Dataset) -> Dataset:
+        """Dataset with the poses corrected."""
+        points = dataset.points
+        assert points is not None
+        if self.of_flange:
+            flange = nominal_chain(dataset.robot, dataset.poses.q).base_T_flange
+            return replace(dataset, poses=replace(dataset.poses, q=joints_of_poses(self.corrected(flange))))
+        seen = self.corrected(board_poses(dataset))
+        assert points.orientations is not None
+        turned = replace(points.orientations, scanner_R_jig=seen[:, :3, :3])
+        return replace(dataset, points=replace(points, xyz_mm=seen[:, :3, 3], orientations=turned))
+
+
 def _mistakes(dataset: Dataset) -> Iterator[DataHypothesis]:
     """Mistakes that the data may have, changes of a dataset."""
     robot = dataset.robot
@@ -114,7 +155,30 @@ def _mistakes(dataset: Dataset) -> Iterator[DataHypothesis]:
         for reading in simple_readings(robot.is_revolute):
             if reading.edits:
                 yield of_reading(reading, column_names(robot))
+        for unit, name, scale in (("degrees", "deg", np.pi / 180.0), ("radians", "rad", 180.0 / np.pi)):
+            mistake, change = f"the joints' angles are in {unit}", f"with them read as {unit}"
+            yield DataHypothesis(UNITS, mistake, change, f"name the columns q1_{name} ...", angle_scale=scale)
     yield from of_shifts(dataset)
+    for what in ("board", "flange")[: 1 + robot.is_cartesian]:
+        for k, axis in enumerate("xyz"):
+            sign = np.ones((4, 4))
+            sign[k, 3] = -1.0
+            yield _OtherPoses(
+                MIRRORED, f"{axis} of the {what}'s places has the other sign", f"with {axis} negated",
+                f"negate it, or check the handedness of the {what}'s frame",
+                corrected=sign.__mul__, of_flange=what == "flange",
+            )  # fmt: skip
+    for first, by in (("first", 1), ("last", -1)):
+        yield _OtherPoses(
+            JOINT_ORDER, f"the board's quaternions have w {first}", f"with w taken as the {first}",
+            "name the columns as they stand", corrected=partial(_with_rolled_quaternions, by=by),
+        )  # fmt: skip
+
+
+def _with_rolled_quaternions(poses: Array, by: int) -> Array:
+    """Poses (N, 4, 4) whose quaternions w, x, y, z were read `by` places off."""
+    turns = frames.rotation_from_quaternion(np.roll(frames.quaternion_from_rotation(poses[:, :3, :3]), by, axis=1))
+    return frames.make_transform(turns, poses[:, :3, 3])
 
 
 def _require_not_moved(
@@ -137,9 +201,10 @@ def _require_not_moved(
     now_mm = min(each[0].misfit_of_most(_NEARLY_ALL) for each in (fits, best))
     if moved_mm < now_mm / _CLEAR_MOVE:
         last, first = (dataset.poses.ids[points.pose[row]] for row in (cut - 1, cut))
+        moved = "board or camera was moved" + ", or tool or base frame changed," * dataset.robot.is_cartesian
         raise CalibError(
-            f"{where}: board or camera was moved between poses {last} and {first}: taken apart there, arm and board "
-            f"disagree {now_mm / moved_mm:.1f} times less; import the poses before and after it apart"
+            f"{where}: {moved} between poses {last} and {first}: taken apart there, arm and board disagree "
+            f"{now_mm / moved_mm:.1f} times less; import the poses before and after it apart"
         )
 
 

@@ -61,6 +61,7 @@ _EXPLAINED = 0.35  # of the misfit, which a size that explains it leaves at the 
 _HELPS = 0.8  # the same of a size that explains a part, in place and at most poses
 _LEAST_SIGMAS = np.repeat([1e-3, 2e-5], 3)  # mm, rad
 _NOISE_ROUNDS = 3
+_LEAST_TURN_DEG = 1.0  # root mean square about an axis, from which poses tell a place along others
 _WAY_ROUNDS = 3  # in which a board is taken one way up or the other
 
 
@@ -320,6 +321,7 @@ def settled_camera(
     if given.views is not None and board_of(given.views.board).turns_alike:
         given = _right_way_up(given, given.views, flange_poses(plain), of_setups(plain))
         plain = to_fit(given)
+    one_axis = _turns_about_one_axis(flange_poses(plain))
     notes, mount = list(given.notes), given.mount
     names = ("the arm's poses", "the images" if given.views is not None else "the marker's poses")
     both = {name: fits_of(plain, on_flange=name == "flange") for name in MOUNTS}
@@ -331,7 +333,8 @@ def settled_camera(
     if mount == other and is_clear:
         raise CalibError(
             f"--mount {mount}: with the camera {_AT[other]} arm and board disagree by {off_mm[other]:.3g} mm, with it "
-            f"{_AT[best]} by {off_mm[best]:.3g} mm; give --mount {best}, or leave it out"
+            f"{_AT[best]} by {off_mm[best]:.3g} mm; give --mount {best}, or leave it out; poses of the camera in the "
+            "board's frame, the inverse ones, would tell the same"
         )
     best, other = (best, other) if mount in (None, best) else (other, best)
     for name in (best,) if is_clear or mount else (best, other):
@@ -361,7 +364,20 @@ def settled_camera(
             f"axis, along the sight and across it by what is left in each, weigh them, which {left}; give --sigma if "
             "you know it"
         )
-    return replace(given, notes=tuple(notes), doubts=(*given.doubts, *([] if doubt is None else [doubt])))
+    return replace(given, notes=tuple(notes), doubts=(*given.doubts, *filter(None, (doubt, one_axis))))
+
+
+def _turns_about_one_axis(base_T_flange: Array) -> str | None:
+    """What to doubt where a flange turns about one axis alone. Raises CalibError where it does not turn at all."""
+    rotation = base_T_flange[:, :3, :3]
+    turns = frames.rotvec_from_rotation(rotation @ frames.mean_rotation(rotation).T)
+    size = np.degrees(np.linalg.svd(turns, compute_uv=False) / np.sqrt(len(turns)))
+    remedy = "turn the flange by 20° and more about two axes"
+    if size[0] < _LEAST_TURN_DEG:
+        raise CalibError(f"the flange has the same attitude at all poses, so that nothing tells the places; {remedy}")
+    if size[1] < _LEAST_TURN_DEG:
+        return f"the flange turns about one axis alone: no pose tells where camera and board are along it; {remedy}"
+    return None
 
 
 def _with_noise_of_fit(
@@ -404,8 +420,8 @@ def _with_noise_of_fit(
     if noise.step.any():
         doubt = (
             f"errors of successive poses add up, by {noise.step[0]:.2g} mm and {np.degrees(noise.step[1]):.3f}° from "
-            "one to the next: board or camera creeps, or the clocks of arm and camera differ; the camera's place "
-            "allows for it, and is the better for poses in mixed order, measured standing"
+            "one to the next: board or camera creeps or was bumped, or the clocks of arm and camera differ; the "
+            "camera's place allows for it, and is the better for poses in mixed order, measured standing"
         )
         given = replace(given, doubts=(*given.doubts, doubt))
     sigma_mm, sigma_rad = np.sqrt(noise.variances.reshape(2, 2) @ [2.0, 1.0] / 3.0).tolist()
@@ -435,8 +451,8 @@ def _doubted_size(dataset: Dataset, fits: Sequence[BoardHandEye], given: CameraP
         return None
     fitting = f"fit the arm with {{}} {scales[0]:.4g} times as large (± {fits[0].scale_sigma:.2g})"
     if given.views is None:
-        told = f"the marker's poses {fitting.format('lengths')}; check their unit, and the marker's size in the "
-        told += "program that measured them"
+        told = f"the marker's poses {fitting.format('lengths')}; check the units of both files, and the "
+        told += "marker's size in the program that measured them"
     else:
         told = f"--board {given.views.board}: the images {fitting.format('a board')}; measure its squares, or check "
         told += "the robot's units"

@@ -109,6 +109,10 @@ def joints_table(
     path = arm.table.path
     chosen, note = clear_reading(path, readings, off_mm, "what the camera saw", "the board")
     doubts = []
+    if _INVERSE in chosen.form:
+        doubts.append(
+            f"{path}: by --mount {camera.mount} its poses are {_INVERSE}; if they are of the flange, leave --mount out"
+        )
     if given is not None:
         doubts.append(
             f"{path}: has poses of the flange and no joint values: the camera's place is found for the arm as its "

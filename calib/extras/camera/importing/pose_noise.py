@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array, BoolArray, IndexArray
+from calib.array_types import Array, BoolArray
 
 _LEAST = np.array([1e-6, 1e-6, 3e-10, 3e-10])  # mm^2, rad^2
 _FEWEST, _MODES, _GAIN = 20, 8, 8.0  # poses, modes of an axis, and log likelihood, from which a drift is told
@@ -60,7 +60,7 @@ def noise_of_poses(
     parts[1, :, :3, :3] = parts[3, :, 3:, 3:] = along
     known = [(by_frames, _FRAMES), (by_links, _LINKS)]
     start = np.repeat([np.mean(part**2) for part in (errors[:, :3], errors[:, 3:])], 2)
-    variances, size, height = _Likelihood.of(errors, parts, known, sigma_mm).search(start, np.ones(4))
+    variances, size, height = _likeliest(errors, parts, known, sigma_mm, start, np.ones(4))
     shared, step = np.zeros((count, 6, 0)), np.zeros(2)
     if count >= _FEWEST:
         before, (columns, is_length) = variances, by_held
@@ -68,12 +68,12 @@ def noise_of_poses(
         steps = np.sqrt(start[[0, 2]] / count)
         size = np.array([*steps, 0.1, 0.1])
         if columns.shape[2]:
-            _, size, held = _Likelihood.of(errors, parts, known, sigma_mm).search(0.5 * before, size)
+            _, size, held = _likeliest(errors, parts, known, sigma_mm, 0.5 * before, size)
             height = max(height, held)
         for where in (np.broadcast_to(np.eye(4), camera_T_board.shape), frames.invert(camera_T_board)):
             shifts, turns = _walk(where, camera_T_board)
             both = [*known, (shifts, _SHIFT), (turns, _TURN)]
-            then, sizes, higher = _Likelihood.of(errors, parts, both, sigma_mm).search(0.5 * before, size)
+            then, sizes, higher = _likeliest(errors, parts, both, sigma_mm, 0.5 * before, size)
             if higher > height + _GAIN:
                 variances, step, height = then, sizes[:2], higher - _GAIN
                 shared = np.concatenate([step[0] * shifts, step[1] * turns], axis=2)
@@ -85,68 +85,56 @@ def noise_of_poses(
     return PoseNoise(variances, covariance, shared, step)
 
 
-@dataclass(frozen=True)
-class _Likelihood:
-    """Restricted likelihood of errors by their variances, and by those of a drift."""
+def _likeliest(
+    errors: Array,
+    parts: Array,
+    known: Sequence[tuple[Array, int]],
+    sigma_mm: float | None,
+    variances: Array,
+    size: Array,
+) -> tuple[Array, Array, float]:
+    """Likeliest variances (4,) of parts (4, M, 6, 6), sizes (4,) of unknowns from `_SHIFT` on, and log likelihood.
 
-    errors: Array  # (M, 6)
-    parts: Array  # (4, M, 6, 6)
-    columns: Array  # (M, 6, P)
-    kind: IndexArray  # (P,) of unknown
-    sigma_mm: float | None
-
-    @classmethod
-    def of(
-        cls, errors: Array, parts: Array, columns: Sequence[tuple[Array, int]], sigma_mm: float | None
-    ) -> _Likelihood:
-        """Likelihood with columns of each kind."""
-        kind = np.repeat([one for _, one in columns], [part.shape[2] for part, _ in columns])
-        return cls(errors, parts, np.concatenate([part for part, _ in columns], axis=2), kind, sigma_mm)
-
-    def search(self, variances: Array, size: Array) -> tuple[Array, Array, float]:
-        """Variances (4,), sizes (4,) from `_SHIFT` on, and the logarithm of the greatest likelihood, from a start."""
-        height = -np.inf
-        for _ in range(_ROUNDS):
-            variances = np.maximum(variances, _LEAST)
-            if self.sigma_mm is not None:
-                variances[:2] = self.sigma_mm**2
-            before, (height, by_parts, by_size) = height, self._at(variances, size)
-            if height - before < _SETTLED:
-                break
-            best = variances, size
-            variances, size = variances * by_parts, size * by_size
-        return (*best, float(height))
-
-    def _at(self, variances: Array, size: Array) -> tuple[float, Array, Array]:
-        """Logarithm of the likelihood, and factors of the variances (4,) and of the sizes (4,)."""
-        count = len(self.errors)
-        root = np.linalg.cholesky(np.tensordot(variances, self.parts, 1))
+    known: derivatives (M, 6, P) of the errors by unknowns, with their kind.
+    """
+    count = len(errors)
+    kind = np.repeat([one for _, one in known], [part.shape[2] for part, _ in known])
+    columns = np.concatenate([part for part, _ in known], axis=2)
+    height = -np.inf
+    for _ in range(_ROUNDS):
+        variances = np.maximum(variances, _LEAST)
+        if sigma_mm is not None:
+            variances[:2] = sigma_mm**2
+        root = np.linalg.cholesky(np.tensordot(variances, parts, 1))
         inverse = np.linalg.inv(root)
         back = np.swapaxes(inverse, 1, 2)
-        scaled = self.columns * np.array([1.0, *size, 1.0])[self.kind]
-        white = (inverse @ scaled).reshape(6 * count, -1)
-        error = (inverse @ self.errors[:, :, None]).ravel()
-        information = white.T @ white + np.diag(np.where(self.kind == _FRAMES, 0.0, 1.0))
+        white = (inverse @ (columns * np.array([1.0, *size, 1.0])[kind])).reshape(6 * count, -1)
+        error = (inverse @ errors[:, :, None]).ravel()
+        information = white.T @ white + np.diag(np.where(kind == _FRAMES, 0.0, 1.0))
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         bend, ways = np.linalg.eigh(information / np.outer(scale, scale))
-        known = bend > _OPEN
-        spread = (ways[:, known] / bend[known]) @ ways[:, known].T / np.outer(scale, scale)
+        told = bend > _OPEN
+        spread = (ways[:, told] / bend[told]) @ ways[:, told].T / np.outer(scale, scale)
         found = -spread @ (white.T @ error)
         left = error + white @ found
         logs = np.sum(np.log(np.diagonal(root, axis1=1, axis2=2))) + np.sum(np.log(scale))
-        height = -logs - 0.5 * (np.sum(np.log(bend[known])) + error @ left)
+        before, height = height, -logs - 0.5 * (np.sum(np.log(bend[told])) + error @ left)
+        if height - before < _SETTLED:
+            break
+        best = variances, size
         pull = (back @ left.reshape(count, 6, 1))[:, :, 0]
         moved = back @ white.reshape(count, 6, -1)
         free = back @ inverse - moved @ spread @ np.swapaxes(moved, 1, 2)
-        has = np.einsum("ni,knij,nj->k", pull, self.parts, pull)
-        should = np.einsum("nij,knji->k", free, self.parts)
-        by_parts = np.sqrt(np.maximum(has, 0.0) / np.maximum(should, 1e-300))
-        by_size = np.ones(4)
-        for kind in np.unique(self.kind[self.kind >= _SHIFT]):
-            mine = self.kind == kind
-            told = np.sum(1.0 - np.diag(spread)[mine])
-            by_size[kind - _SHIFT] = (np.sum(found[mine] ** 2) / max(told, 1e-9)) ** 0.25
-        return float(height), np.clip(by_parts, 1.0 / _FASTEST, _FASTEST), np.clip(by_size, 0.3, 3.0)
+        has = np.einsum("ni,knij,nj->k", pull, parts, pull)
+        should = np.einsum("nij,knji->k", free, parts)
+        ratio = np.sqrt(np.maximum(has, 0.0) / np.maximum(should, 1e-300))
+        variances = variances * np.clip(ratio, 1.0 / _FASTEST, _FASTEST)
+        size = size.copy()
+        for one in np.unique(kind[kind >= _SHIFT]):
+            mine = kind == one
+            shown = np.sum(found[mine] ** 2) / max(np.sum(1.0 - np.diag(spread)[mine]), 1e-9)
+            size[one - _SHIFT] *= np.clip(shown**0.25, 0.3, 3.0)
+    return (*best, float(height))
 
 
 def _walk(there_T_camera: Array, camera_T_board: Array) -> tuple[Array, Array]:
