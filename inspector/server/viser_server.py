@@ -105,11 +105,10 @@ def origin_allowed(origin: str | None, host_header: str | None, *, bound_host: s
         return False
     try:
         page, asked = urlsplit(origin), urlsplit(f"//{host_header}")
-        default = {"http": 80, "https": 443}.get(page.scheme)
-        same = (page.hostname, page.port or default) == (asked.hostname, asked.port or default)
+        same = (page.scheme, page.hostname, page.port or 80) == ("http", asked.hostname, asked.port or 80)
     except ValueError:
         return False
-    return default is not None and same and _is_own_name(_host_name(host_header), bound_host)
+    return same and _is_own_name(_host_name(host_header), bound_host)
 
 
 # ---- what a client may change ---------------------------------------------------------------------------------------
@@ -170,6 +169,9 @@ def guard_gui(gui: viser.GuiApi) -> None:
 _starting = threading.Lock()
 
 
+LONGEST_PATH = 250  # characters: no file's name is longer
+
+
 def _is_page(target: str) -> bool:
     return urlsplit(target).path in ("", "/", "/index.html")
 
@@ -196,11 +198,13 @@ def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests
             origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
             origin = origins[0] if len(origins) == 1 else (None if not origins else "several")
             host = hosts[0] if len(hosts) == 1 else None
-            if not origin_allowed(origin, host, bound_host=bound_host):
+            own_host = host is not None and origin_allowed(f"http://{host}", host, bound_host=bound_host)
+            if (hosts and not own_host) or not origin_allowed(origin, host, bound_host=bound_host):
                 return connection.respond(
                     http.HTTPStatus.FORBIDDEN, "This page may not talk to the inspector (foreign origin).\n"
                 )
-            own_host = host is not None and origin_allowed(f"http://{host}", host, bound_host=bound_host)
+            if len(urlsplit(request.path).path) > LONGEST_PATH:  # viser looks for a file of this name
+                return connection.respond(http.HTTPStatus.NOT_FOUND, "There is no such file.\n")
             answer = requests.respond(request.path, headers, own_host=own_host)
             if answer is not None:
                 return answer

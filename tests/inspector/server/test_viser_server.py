@@ -104,7 +104,7 @@ def test_foreign_page_is_refused(server: server_module.InspectorServer, origin: 
         ("http://evil.example:8080", "evil.example:8080", "0.0.0.0", False),
         ("http://192.168.1.5:8080", "192.168.1.5:8080", "0.0.0.0", True),
         ("http://192.168.1.5:8080", "192.168.1.5:8080", "127.0.0.1", False),
-        ("https://calib.example", "localhost:8080", "127.0.0.1", False),
+        ("https://localhost:8080", "localhost:8080", "127.0.0.1", False),  # this server speaks no TLS
         ("http://localhost:bad", "localhost:8080", "127.0.0.1", False),
         ("ftp://localhost:8080", "localhost:8080", "127.0.0.1", False),
         ("http://localhost:8080", None, "127.0.0.1", False),
@@ -114,12 +114,20 @@ def test_origin_rule(origin: str | None, host: str | None, bound: str, allowed: 
     assert origin_allowed(origin, host, bound_host=bound) is allowed
 
 
+def test_a_foreign_name_of_this_machine_is_refused(server: server_module.InspectorServer) -> None:
+    with pytest.raises(urllib.error.HTTPError) as caught:
+        urllib.request.urlopen(urllib.request.Request(url_of(server), headers={"Host": "evil.example"}))
+    assert caught.value.code == 403
+    caught.value.close()
+
+
 def test_no_path_leaves_the_page_folder(server: server_module.InspectorServer) -> None:
     for path in (
         "/../../../etc/passwd",
         "/%2e%2e/%2e%2e/etc/passwd",
         "//etc/passwd",
         "/..%5c..%5cetc/passwd",
+        "/" + "a" * 7000,
     ):
         with pytest.raises(urllib.error.HTTPError) as caught:
             urllib.request.urlopen(url_of(server) + path)
