@@ -174,7 +174,7 @@ def _moved(scene: Scene, seen: np.ndarray, rng: np.random.Generator) -> np.ndarr
         ("moved", "was moved between poses"), ("size", "times as large"), ("nonsense", "do not belong together"),
         ("mirrored", "told in a left-handed frame"), ("axis", "y of the board's places has the other sign"),
         pytest.param("degrees", "angles are in degrees", marks=pytest.mark.thorough),
-        pytest.param("quaternion", "the board's quaternions have w", marks=pytest.mark.thorough),
+        pytest.param("quaternion", "attitudes agree and places do not", marks=pytest.mark.thorough),
         pytest.param("order", "q4_deg and q5_deg have changed places", marks=pytest.mark.thorough),
         pytest.param("reversed", "opposite order", marks=pytest.mark.thorough),
     ],

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.consistency.hypotheses import (
-    JOINT_ORDER,
     MIRRORED,
     UNITS,
     DataHypothesis,
@@ -115,6 +113,8 @@ def require_agreement(dataset: Dataset, fits: Sequence[BoardHandEye], names: Seq
         )
         if off_mm < _QUIET_MM and off_deg > _MOST_DEG:
             why = "places agree and attitudes do not: the board is seen too small or straight on, and flips; go nearer"
+        elif off_deg < _SURE_DEG:
+            why = "attitudes agree and places do not: check axes, signs, and the order of the quaternions' numbers"
         raise CalibError(
             f"{' and '.join(names)} do not belong together: {share:.0%} of them agree, to {off_mm:.3g} mm and "
             f"{off_deg:.2g}°, where the flange spreads by {spread_mm:.3g} mm; {why}"
@@ -168,17 +168,6 @@ def _mistakes(dataset: Dataset) -> Iterator[DataHypothesis]:
                 f"negate it, or check the handedness of the {what}'s frame",
                 corrected=sign.__mul__, of_flange=what == "flange",
             )  # fmt: skip
-    for first, by in (("first", 1), ("last", -1)):
-        yield _OtherPoses(
-            JOINT_ORDER, f"the board's quaternions have w {first}", f"with w taken as the {first}",
-            "name the columns as they stand", corrected=partial(_with_rolled_quaternions, by=by),
-        )  # fmt: skip
-
-
-def _with_rolled_quaternions(poses: Array, by: int) -> Array:
-    """Poses (N, 4, 4) whose quaternions w, x, y, z were read `by` places off."""
-    turns = frames.rotation_from_quaternion(np.roll(frames.quaternion_from_rotation(poses[:, :3, :3]), by, axis=1))
-    return frames.make_transform(turns, poses[:, :3, 3])
 
 
 def _require_not_moved(
