@@ -155,9 +155,14 @@ def _mistakes(dataset: Dataset) -> Iterator[DataHypothesis]:
         for reading in simple_readings(robot.is_revolute):
             if reading.edits:
                 yield of_reading(reading, column_names(robot))
-        for unit, name, scale in (("degrees", "deg", np.pi / 180.0), ("radians", "rad", 180.0 / np.pi)):
+        most = float(np.abs(dataset.poses.q[:, robot.is_revolute]).max(initial=0.0))
+        for unit, name, scale, may_be in (
+            ("degrees", "deg", np.pi / 180.0, most > 2.0 * np.pi),
+            ("radians", "rad", 180.0 / np.pi, most < np.radians(2.0 * np.pi)),
+        ):
             mistake, change = f"the joints' angles are in {unit}", f"with them read as {unit}"
-            yield DataHypothesis(UNITS, mistake, change, f"name the columns q1_{name} ...", angle_scale=scale)
+            if may_be:
+                yield DataHypothesis(UNITS, mistake, change, f"name the columns q1_{name} ...", angle_scale=scale)
     yield from of_shifts(dataset)
     for what in ("board", "flange")[: 1 + robot.is_cartesian]:
         for k, axis in enumerate("xyz"):
