@@ -54,7 +54,7 @@ def run_validate(options: ValidateOptions) -> int:
 
 
 def run_report(options: ReportOptions) -> int:
-    """Diagnose a dataset and write the report as a page, a PDF, or both."""
+    """Diagnose a dataset and write the report as a page."""
     from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
 
     out = options.out
