@@ -22,10 +22,11 @@ PER_CLASS = {"second engine": 4, "third engine": 3}
 def shares(engine: str, jobs: int) -> dict[str, object]:
     """Shares of an engine's sets: exact, left open with the truth in it, a wrong name claimed, calm and wrong."""
     if engine == "second engine":
-        rows = second_engine.results(second_cases(PER_CLASS[engine], SEED, ()), jobs)
+        rows = second_engine.results(list(second_cases(PER_CLASS[engine], SEED, ())), jobs)
         rows = rows.rename(columns={"falsely_satisfied": "calm_wrong"})
     else:
-        rows = third_engine.results(third_cases(PER_CLASS[engine], SEED, ()), jobs)
+        asked = list(third_cases(PER_CLASS[engine], SEED, ()))
+        rows = second_engine.results(asked, jobs, third_engine.run, third_engine.judged)
     kept = ("exact", "left_open", "wrong_claim", "calm_wrong")
     found: dict[str, object] = {name: float(pd.Series(rows[name], dtype=float).mean()) for name in kept}
     return found | {"sets": len(rows), "seed": SEED, "seconds": float(rows["seconds"].median())}

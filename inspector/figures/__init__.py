@@ -14,6 +14,7 @@ from importlib import import_module
 from inspector.plugins import Figures, contributions
 
 _RESULTS = (
+    "convergence",
     "error_bars",
     "error_history",
     "learned_curves",

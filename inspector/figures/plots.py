@@ -81,6 +81,22 @@ def correlation_heatmap(
     )
 
 
+def convergence(
+    train_rmse_mm: Sequence[float], test_rmse_mm: Sequence[float] | None = None, *, what: str = "3D"
+) -> go.Figure:
+    """Figure of the error per iteration, logarithmic; iteration 0 is the nominal robot."""
+    curves = _by_role(train_rmse_mm, test_rmse_mm)
+    traces = [
+        _curve(role, y, f"iteration %{{x}}<br>{ROLES[role]} {what} RMSE %{{y:.4g}} mm") for role, y in curves.items()
+    ]
+    longest = max((len(y) for y in curves.values()), default=1)
+    return figure(
+        traces,
+        xaxis={"title": "iteration (0 = as delivered)", "rangemode": "tozero", "dtick": max(1, longest // 8)},
+        yaxis={"title": f"{what} RMSE, mm", **_log_axis(_known(curves))},
+    )
+
+
 def _by_role(train_mm: ArrayLike, test_mm: ArrayLike | None) -> dict[str, Array]:
     """Errors by role, without roles that have none; NaN for zero, which has no place on a logarithmic axis."""
     of_roles = {"train": np.asarray(train_mm, dtype=float), "test": np.array(() if test_mm is None else test_mm, float)}

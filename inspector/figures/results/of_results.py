@@ -77,6 +77,13 @@ def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarra
     return shown(errors, names[show], None, robot)
 
 
+def convergence(calibration: Calibration) -> go.Figure:
+    """Figure of the RMS error at each iteration of the fit, mm, logarithmic; iteration 0 is the nominal robot."""
+    steps = calibration.iteration_errors
+    drawn = plots.convergence([s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps])
+    return titled(drawn, f"Convergence of the fit: {calibration.dataset.name}")
+
+
 def redundancy_heatmap(of: Redundancy | Dataset | Calibration) -> go.Figure:
     """Heatmap of Pearson's r between the Jacobian's columns of each pair of parameters (Park 2022).
 

@@ -1,4 +1,4 @@
-"""Tab Fit: errors by pose, before and after, and the parameters."""
+"""Tab Fit: convergence, errors before and after, and the parameters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from calib.present.fit.errors import error_tables, table_alone
 from calib.rendering.blocks import Block, Facts, Verdict
 from calib.rendering.colours import DOUBT
 from calib.rendering.html import panel
-from inspector.figures.plots import outline, pose_residuals
+from inspector.figures.plots import convergence, outline, pose_residuals
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.panels.base import Actions, FollowsModel, hidden_plot, offer, on_page, put
@@ -45,8 +45,9 @@ class FitPanel(FollowsModel):
         self.calibrate = gui.add_button("Calibrate", icon=viser.Icon.TARGET_ARROW)
         self._faces = gui.add_html("")
         self._state = gui.add_html("")
-        self._residuals = hidden_plot(gui, 0.62, "error by pose")
+        self._convergence = hidden_plot(gui, 0.62, "error by iteration")
         self._figures = gui.add_html("")
+        self._residuals = hidden_plot(gui, 0.62, "error by pose")
         self._parameters = gui.add_html("")
         self._unlabelled: tuple[Mapping[str, CornerSearch], str] | None = None  # faces not labelled: of what, why
         self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
@@ -88,7 +89,7 @@ class FitPanel(FollowsModel):
     def update(self, view: View, *, waiting: str = "") -> None:
         """Show the session's calibration; `waiting` is the reason where there is none yet."""
         result = view.session.calibration
-        self._residuals.visible = result is not None
+        self._convergence.visible = self._residuals.visible = result is not None
         if result is None:
             self.update_faces(view)
             self._state.content = elements.note(waiting or "Not calibrated yet.")
@@ -100,6 +101,10 @@ class FitPanel(FollowsModel):
         self.update_faces(view)
         result = view.calibration or result  # of the version on show
         self._state.content = fit_html(result)
+        distances = result.residual == "distance"
+        train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.iteration_errors]
+        test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.iteration_errors]
+        self._convergence.figure = convergence(train, test, what=what_is_fitted(result))
         self._figures.content = errors_html(view.session, result)
         self._parameters.content = panel(parameter_tables(result, height="420px"))
         self.update_residuals(view)

@@ -85,6 +85,12 @@ def test_a_wrong_name_lists_the_right_ones(fit: Calibration, found: Diagnosis) -
             wrong()
 
 
+def test_convergence_begins_at_the_nominal_robot_and_ends_at_the_fit(fit: Calibration) -> None:
+    test = named(figures.convergence(fit), "test")
+    assert (test.y[0], test.y[-1]) == pytest.approx((fit.before.test.rmse_mm, fit.after.test.rmse_mm))
+    stands_alone(figures.convergence(fit), "mm", "iteration")
+
+
 def test_the_heatmap_is_the_same_from_dataset_fit_and_analysis(dataset: Dataset, fit: Calibration) -> None:
     analysis = redundancy(dataset)
     for of in (dataset, fit, analysis):
