@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Container, Hashable, Sequence
 from pathlib import Path
+from typing import Concatenate, ParamSpec
 
 import viser
 
@@ -42,10 +43,38 @@ from inspector.session.view import RESIDUALS, SIDES, VIEWS
 from inspector.session.watch import Watch
 
 log = logging.getLogger(__name__)
+P = ParamSpec("P")
+
+
+def _asks(
+    key: str,
+    job: Callable[[App], Callable[P, LongWork | None]],
+    *,
+    known: Container[object] | None = None,
+    each: bool = False,
+    if_open: bool = False,
+) -> Callable[Concatenate[App, P], None]:
+    """Method that asks the worker for a job; of several requests the last counts, with `each` the last on one thing.
+
+    known: what the first value has to be one of, else the request is ignored, as is one with `if_open` while no dataset
+    is open
+    """
+
+    def ask(app: App, /, *args: P.args, **kwargs: P.kwargs) -> None:
+        if (known is None or args[0] in known) and not (if_open and app.state.view is None):
+            app.worker.submit((key, args[0]) if each else key, lambda: job(app)(*args, **kwargs))
+
+    return ask
 
 
 class App:
     """The page and its worker thread; instances are made by `serving`."""
+
+    stage: SceneController
+    model: ModelController
+    dataset: DatasetController
+    side_by_side: SideBySideController
+    planning: PlanController
 
     def __init__(
         self,
@@ -255,18 +284,16 @@ class App:
         if view is not None and pose_id in view.session.dataset.poses.ids:
             self.select(view.session.dataset.poses.index(pose_id))
 
-    def select_joint(self, number: int | None) -> None:
-        """Select a joint by its number, counted from 1; the selected one again, or None, deselects."""
-        self.worker.submit("joint", lambda: self.stage.joint(number))
+    select_joint = _asks("joint", lambda app: app.stage.joint)
+    """Select a joint by its number, counted from 1; the selected one again, or None, deselects."""
 
     def box(self, is_in_box: Callable[[Array], BoolArray] | None) -> None:
         """Select the poses in a box that was drawn over the 3D view; None clears the box."""
         if self.state.view is not None:
             self.worker.submit("box", lambda: self.stage.box(is_in_box))
 
-    def between(self, share: float) -> None:
-        """Draw the arrows between those of the model a step before (0) and those of the model on show (1)."""
-        self.worker.submit("between", lambda: self.stage.between(share))
+    between = _asks("between", lambda app: app.stage.between)
+    """Draw the arrows between those of the model a step before (0) and those of the model on show (1)."""
 
     def show_step(self, number: int | None) -> None:
         """Show the model after a step, 0 for the nominal robot."""
@@ -285,10 +312,8 @@ class App:
             self._wanted = min(max(pose(self._wanted), 0), len(view.session.dataset.poses) - 1)
         self.worker.submit("select", lambda: self.dataset.select(self._wanted))
 
-    def show_view(self, name: str) -> None:
-        """Show the layers of a view and move the camera to its position."""
-        if name in VIEWS:
-            self.worker.submit("view", lambda: self.stage.choose_view(name))
+    show_view = _asks("view", lambda app: app.stage.choose_view, known=VIEWS)
+    """Show the layers of a view and move the camera to its position."""
 
     def tabs(self, names: str) -> None:
         """Show the view that belongs to the opened tabs, given as "Review/Learn/What is missing"."""
@@ -299,31 +324,24 @@ class App:
         if self.state.view is not None:
             self.worker.submit("plan opened", lambda: self.planning.opened("Plan" in opened))
 
-    def keep_view(self, keep: bool) -> None:
-        """Choose whether the 3D view stays unchanged when another tab is opened."""
-        self.worker.submit("keep view", lambda: self.stage.keep_view(keep))
+    keep_view = _asks("keep view", lambda app: app.stage.keep_view)
+    """Choose whether the 3D view stays unchanged when another tab is opened."""
 
-    def look_from(self, side: str) -> None:
-        """Move the camera to the front, the side, the top, or back to its first position."""
-        if side in SIDES:
-            self.worker.submit("look", lambda: self.stage.look_from(side))
+    look_from = _asks("look", lambda app: app.stage.look_from, known=SIDES)
+    """Move the camera to the front, the side, the top, or back to its first position."""
 
-    def layer(self, name: str, visible: bool) -> None:
-        """Show or hide one layer of the 3D view."""
-        if name in LAYERS:
-            self.worker.submit(("layer", name), lambda: self.stage.layer(name, visible))
+    layer = _asks("layer", lambda app: app.stage.layer, known=LAYERS, each=True)
+    """Show or hide one layer of the 3D view."""
 
     def factor(self, factor: float) -> None:
         """Set the enlargement of drawn uncertainty ellipsoids."""
         self.worker.submit("factor", lambda: self.stage.change(factor=factor))
 
-    def arrows(self, factor: float | None) -> None:
-        """Set the enlargement of drawn residuals; None chooses the factor by their size."""
-        self.worker.submit("arrows", lambda: self.stage.change_arrows(factor))
+    arrows = _asks("arrows", lambda app: app.stage.change_arrows)
+    """Set the enlargement of drawn residuals; None chooses the factor by their size."""
 
-    def version(self, name: str) -> None:
-        """Show the arm and the errors of a version of the model."""
-        self.worker.submit("version", lambda: self.stage.version(name))
+    version = _asks("version", lambda app: app.stage.version)
+    """Show the arm and the errors of a version of the model."""
 
     def search(self, go_on: bool) -> None:
         """Continue or stop the search of the scans."""
@@ -338,43 +356,30 @@ class App:
         """Plot the residual against the chosen input."""
         self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
 
-    def beside(self) -> None:
-        """Compare the calibration on show with the chosen dataset or version."""
-        if self.state.view is not None:
-            self.worker.submit("beside", self.side_by_side.show)
+    beside = _asks("beside", lambda app: app.side_by_side.show, if_open=True)
+    """Compare the calibration on show with the chosen dataset or version."""
 
-    def plan(self) -> None:
-        """Plan poses as chosen in the tab Plan."""
-        if self.state.view is not None:
-            self.worker.submit("plan", self.planning.make)
+    plan = _asks("plan", lambda app: app.planning.make, if_open=True)
+    """Plan poses as chosen in the tab Plan."""
 
-    def settle(self) -> None:
-        """Plan poses that discriminate between the effects that the diagnosis left open."""
-        if self.state.view is not None:
-            self.worker.submit("plan", self.planning.settle)
+    settle = _asks("plan", lambda app: app.planning.settle, if_open=True)
+    """Plan poses that discriminate between the effects that the diagnosis left open."""
 
-    def show_plan(self) -> None:
-        """Show the purposes that can be planned for, and the model's plan."""
-        if self.state.view is not None:
-            self.worker.submit("show plan", self.planning.show)
+    show_plan = _asks("show plan", lambda app: app.planning.show, if_open=True)
+    """Show the purposes that can be planned for, and the model's plan."""
 
-    def select_planned(self, pose: int | None) -> None:
-        """Select a pose of the plan by its index."""
-        self.worker.submit("planned", lambda: self.planning.select(pose))
+    select_planned = _asks("planned", lambda app: app.planning.select)
+    """Select a pose of the plan by its index."""
 
     def take_plan(self, what: str, client: viser.ClientHandle) -> None:
         """Send a file of the plan to the page of the request."""
         self.worker.submit(("take plan", what, client.client_id), lambda: self.planning.take(what, client))
 
-    def redundancy(self, residual: str) -> None:
-        """Analyse the redundancy of the parameters for a kind of residual."""
-        if residual in RESIDUALS:
-            self.worker.submit("redundancy", lambda: self.dataset.analyse(residual))
+    redundancy = _asks("redundancy", lambda app: app.dataset.analyse, known=RESIDUALS)
+    """Analyse the redundancy of the parameters for a kind of residual."""
 
-    def calibrate(self, residual: str) -> None:
-        """Fit the robot's parameters with a kind of residual."""
-        if residual in RESIDUALS:
-            self.worker.submit("calibrate", lambda: self.model.calibrate(residual))
+    calibrate = _asks("calibrate", lambda app: app.model.calibrate, known=RESIDUALS)
+    """Fit the robot's parameters with a kind of residual."""
 
     def find(self, start: bool) -> None:
         """Run the whole diagnosis, or stop it."""
@@ -383,31 +388,23 @@ class App:
         else:
             self.worker.cancel("find")
 
-    def effects(self) -> None:
-        """Rank the effects again, with the user's own effects read anew from their file."""
-        if self.state.view is not None:
-            self.worker.submit("effects", lambda: self.model.rank())
+    effects = _asks("effects", lambda app: app.model.rank, if_open=True)
+    """Rank the effects again, with the user's own effects read anew from their file."""
 
-    def candidate(self) -> None:
-        """Show the details of the chosen candidate effect."""
-        self.worker.submit("candidate", lambda: self.model.choose())
+    candidate = _asks("candidate", lambda app: app.model.choose)
+    """Show the details of the chosen candidate effect."""
 
-    def select_effect(self, name: str) -> None:
-        """Select an effect named in a sentence."""
-        if self.state.view is not None:
-            self.worker.submit("candidate", lambda: self.model.choose(name))
+    select_effect = _asks("candidate", lambda app: app.model.choose, if_open=True)
+    """Select an effect named in a sentence."""
 
-    def follow(self) -> None:
-        """Make the change of the model that the diagnosis advises."""
-        self.worker.submit("follow", lambda: self.model.follow())
+    follow = _asks("follow", lambda app: app.model.follow)
+    """Make the change of the model that the diagnosis advises."""
 
-    def add_effect(self, name: str) -> None:
-        """Add an effect to the model; one that is in the model already is ignored."""
-        self.worker.submit(("add", name), lambda: self.model.add(name))
+    add_effect = _asks("add", lambda app: app.model.add, each=True)
+    """Add an effect to the model; one that is in the model already is ignored."""
 
-    def remove_effect(self, name: str) -> None:
-        """Remove an effect from the model."""
-        self.worker.submit(("remove", name), lambda: self.model.remove(name))
+    remove_effect = _asks("remove", lambda app: app.model.remove, each=True)
+    """Remove an effect from the model."""
 
     def leave_out(self, pose_id: str, out: bool) -> None:
         """Leave a pose out of all fits and tests, or use it again."""

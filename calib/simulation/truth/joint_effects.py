@@ -22,18 +22,21 @@ from calib.simulation.truth.sampling import (
 # ---- joints: dq at the commanded angle ------------------------------------------------------------------------------
 
 
+def _waves(cos_rad: Array, sin_rad: Array, phase: Array) -> Array:
+    """Sum over the last axis of waves by their two parts, at phases in rad."""
+    return np.asarray(np.sum(cos_rad * np.cos(phase) + sin_rad * np.sin(phase), axis=-1))
+
+
 class TransmissionError(JointError):
     """Gears that run unevenly: dq_j = sum_h cos_jh cos(h q_j) + sin_jh sin(h q_j)."""
 
-    name = "transmission_error"
     magnitude_fields = ("cos_rad", "sin_rad")
     cos_rad: Array  # (n, H)
     sin_rad: Array  # (n, H)
     harmonics: tuple[float, ...] = (1.0, 2.0, 3.0)  # (H,)
 
     def error(self, arm: Arm, equilibrium: Arm) -> Array:
-        phase = arm.commanded[:, :, None] * np.array(self.harmonics)  # (N, n, H)
-        return np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2)
+        return _waves(self.cos_rad, self.sin_rad, arm.commanded[:, :, None] * np.array(self.harmonics))
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -51,7 +54,6 @@ class TransmissionError(JointError):
 class HighHarmonic(TransmissionError):
     """Teeth of a gear, or lines of an encoder: a transmission error of 4 to 20 periods per turn."""
 
-    name = "high_harmonic"
     harmonics: tuple[float, ...] = (5.0,)
 
     @classmethod
@@ -65,46 +67,34 @@ class HighHarmonic(TransmissionError):
 class FineRipple(TransmissionError):
     """A transmission error of 23 periods per turn, which is not in the catalogue."""
 
-    name = "fine_ripple"
     in_catalogue = False
     harmonics: tuple[float, ...] = (23.0,)
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        return _equal_waves(cls, cell, rng)
+        """Effect of one joint whose waves are equally large, with random phases."""
+        phase_rad = rng.uniform(0.0, 2.0 * np.pi, len(cls.harmonics))
+        cos, sin = np.cos(phase_rad), np.sin(phase_rad)
+        return one_joint(cell, rng, lambda size: cls(np.outer(size, cos), np.outer(size, sin)))
 
 
-class RoughGear(TransmissionError):
+class RoughGear(FineRipple):
     """A joint with an irregular error over its whole range: waves not periodic in a turn. Not in the catalogue."""
 
-    name = "rough_gear"
-    in_catalogue = False
     harmonics: tuple[float, ...] = (5.6, 7.3, 9.6, 11.4, 13.5)
-
-    @classmethod
-    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        return _equal_waves(cls, cell, rng)
-
-
-def _equal_waves(kind: type[TransmissionError], cell: SimulatedCell, rng: Rng) -> SampledEffect:
-    """A transmission error of one joint whose waves are equally large, with random phases."""
-    phase_rad = rng.uniform(0.0, 2.0 * np.pi, len(kind.harmonics))
-
-    return one_joint(cell, rng, lambda size: kind(np.outer(size, np.cos(phase_rad)), np.outer(size, np.sin(phase_rad))))
 
 
 class StrainWave(JointError):
     """Ripple of a strain wave gear, once and twice a motor turn: harmonics ratio_j and 2 ratio_j of the joint."""
 
-    name = "strain_wave"
     magnitude_fields = ("cos_rad", "sin_rad")
     cos_rad: Array  # (n, 2)
     sin_rad: Array  # (n, 2)
     gear_ratio: Array  # (n,)
 
     def error(self, arm: Arm, equilibrium: Arm) -> Array:
-        phase = arm.commanded[:, :, None] * self.gear_ratio[:, None] * np.array([1.0, 2.0])
-        return np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2)
+        motor_rad = arm.commanded * self.gear_ratio
+        return _waves(self.cos_rad, self.sin_rad, motor_rad[:, :, None] * np.array([1.0, 2.0]))
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
@@ -129,8 +119,6 @@ class StrainWave(JointError):
 class JointScale(JointError):
     """A wrong gear ratio or encoder scale: dq_j = k_j q_j."""
 
-    name = "joint_scale"
-    magnitude_fields = ("k",)
     k: Array  # (n,)
 
     def error(self, arm: Arm, equilibrium: Arm) -> Array:
@@ -144,8 +132,6 @@ class JointScale(JointError):
 class JointCoupling(JointError):
     """One joint's motor drags another joint: dq_j = sum_i k_ji q_i."""
 
-    name = "joint_coupling"
-    magnitude_fields = ("k",)
     k: Array  # (n, n), row = the joint that is dragged
 
     def error(self, arm: Arm, equilibrium: Arm) -> Array:
@@ -167,9 +153,7 @@ class JointCoupling(JointError):
 class Backlash(JointError):
     """A joint stops at the near side of its play: dq_j = b_j / 2 times the direction it came from."""
 
-    name = "backlash"
     needs_conditions = True
-    magnitude_fields = ("b_rad",)
     b_rad: Array  # (n,)
 
     def error(self, arm: Arm, equilibrium: Arm) -> Array:
@@ -184,8 +168,6 @@ class Backlash(JointError):
 class JointDent(JointError):
     """A damaged place in a gear: dq_j = h_j exp(-d^2 / 2 w^2), d the angle from that place."""
 
-    name = "joint_dent"
-    magnitude_fields = ("height_rad",)
     height_rad: Array  # (n,)
     place_rad: Array  # (n,)
     width_rad: float
@@ -207,8 +189,6 @@ class JointDent(JointError):
 class AsymmetricScale(JointError):
     """A scale error of an encoder, symmetric about its zero: dq_j = k_j |q_j|."""
 
-    name = "asymmetric_scale"
-    magnitude_fields = ("k",)
     k: Array  # (n,)
 
     def error(self, arm: Arm, equilibrium: Arm) -> Array:
@@ -227,8 +207,6 @@ class AsymmetricScale(JointError):
 class CableDrag(JointError):
     """A cable over joints j and j + 1 pulls joint j: dq_j = a_j cos(n (q_j + s q_(j+1)) - phase), s = 1 or -1."""
 
-    name = "cable_drag"
-    magnitude_fields = ("amplitude_rad",)
     amplitude_rad: Array  # (n,) the last one 0
     phase_rad: float
     sign: float
@@ -257,9 +235,7 @@ class CableDrag(JointError):
 class ThermalGrowth(SampledEffect):
     """Thermal expansion of the arm: all lengths a and d times 1 + kappa (T - reference)."""
 
-    name = "thermal_growth"
     needs_conditions = True
-    magnitude_fields = ("kappa_per_k",)
     kappa_per_k: float
     reference_c: float = 20.0
 
@@ -278,14 +254,12 @@ class AxisWobble(SampledEffect):
     Tilt about each = sum over h = 1, 2 of cos_h cos(h q_j) + sin_h sin(h q_j).
     """
 
-    name = "axis_wobble"
     magnitude_fields = ("cos_rad", "sin_rad")
     cos_rad: Array  # (n, 2, 2): joint, about x or y, harmonic
     sin_rad: Array  # (n, 2, 2)
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        phase = arm.commanded[:, :, None, None] * np.array([1.0, 2.0])  # (N, n, 1, 2)
-        tilt = np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=3)  # (N, n, 2)
+        tilt = _waves(self.cos_rad, self.sin_rad, arm.commanded[:, :, None, None] * np.array([1.0, 2.0]))  # (N, n, 2)
         return replace(arm, axis_tilt_rad=arm.axis_tilt_rad + np.concatenate([tilt, 0.0 * tilt[:, :, :1]], 2))
 
     @classmethod

@@ -28,8 +28,6 @@ from calib.simulation.truth.sampling import (
 class JointCompliance(JointError):
     """Joints that yield under load: dq_j = c_j tau_j, the gravity torque at the resulting pose."""
 
-    name = "joint_compliance"
-    magnitude_fields = ("c_rad_per_nm",)
     needs_equilibrium = True
     c_rad_per_nm: Array  # (n,)
 
@@ -50,8 +48,6 @@ class GravityBacklash(JointError):
     Within `friction_nm` of balance the joint is inside the play, in proportion, so that an equilibrium always exists.
     """
 
-    name = "gravity_backlash"
-    magnitude_fields = ("b_rad",)
     needs_equilibrium = True
     b_rad: Array  # (n,)
     friction_nm: float = 0.05
@@ -76,8 +72,6 @@ class LinkBending(SampledEffect):
     moments only what is across e counts (a tube is stiff in torsion).
     """
 
-    name = "link_bending"
-    magnitude_fields = ("c_rad_per_nm",)
     needs_equilibrium = True
     c_rad_per_nm: Array  # (n,)
 
@@ -121,8 +115,6 @@ class LinkBending(SampledEffect):
 class NonlinearStiffness(JointError):
     """Springs that soften or stiffen: dq_j = c_j tau_j |tau_j|."""
 
-    name = "nonlinear_stiffness"
-    magnitude_fields = ("c_rad_per_nm2",)
     needs_equilibrium = True
     c_rad_per_nm2: Array  # (n,)
 
@@ -141,8 +133,6 @@ class NonlinearStiffness(JointError):
 class LinkTorsion(SampledEffect):
     """Torsion of each link, a tube from its joint's origin to the next, by the moment of later weights about it."""
 
-    name = "link_torsion"
-    magnitude_fields = ("c_rad_per_nm",)
     needs_equilibrium = True
     c_rad_per_nm: Array  # (n,) L / GJ
 
@@ -170,8 +160,6 @@ class LinkTorsion(SampledEffect):
 class BearingClearance(SampledEffect):
     """Bearings with play: each axis leans by a fixed angle, about the cross-axis moment of all weights beyond it."""
 
-    name = "bearing_clearance"
-    magnitude_fields = ("lean_rad",)
     needs_equilibrium = True
     lean_rad: Array  # (n,)
     friction_nm: float = 0.05  # within it of balance the lean is in proportion to the moment
@@ -200,8 +188,6 @@ class Counterbalance(JointError):
     `force_n + rate_n_per_mm * length`, and its torque about the axis that of this force at the end on the link.
     """
 
-    name = "counterbalance"
-    magnitude_fields = ("c_rad_per_nm",)
     c_rad_per_nm: float
     anchor_mm: Array  # (2,) before the joint
     held_mm: Array  # (2,) on the link at q = 0
@@ -238,8 +224,6 @@ class Counterbalance(JointError):
 class BaseCompliance(SampledEffect):
     """A floor that yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
 
-    name = "base_compliance"
-    magnitude_fields = ("c_rad_per_nm",)
     needs_equilibrium = True
     c_rad_per_nm: Array  # (3,) about x, y, z of the base frame
 
@@ -255,8 +239,6 @@ class BaseCompliance(SampledEffect):
 class ToolSag(SampledEffect):
     """A target on three springs along the tool frame's axes: shift = R diag(c) R^T g / |g|."""
 
-    name = "tool_sag"
-    magnitude_fields = ("c_mm",)
     needs_equilibrium = True
     c_mm: Array  # (3,) under the tool's weight when that axis points down
 
@@ -276,9 +258,7 @@ class ToolSag(SampledEffect):
 class HosePull(JointError):
     """A hose as a spring from a fixed place to a point of the forearm; joints yield. Not in the catalogue."""
 
-    name = "hose_pull"
     in_catalogue = False
-    magnitude_fields = ("stiffness_n_per_mm",)
     needs_equilibrium = True
     stiffness_n_per_mm: float
     rest_length_mm: float

@@ -38,8 +38,6 @@ def _first_pose(cell: SimulatedCell, rng: Rng) -> int:
 class JointStep(JointError):
     """A joint's zero jumps between two poses: dq_j = offset_j from a pose on."""
 
-    name = "joint_step"
-    magnitude_fields = ("offset_rad",)
     offset_rad: Array  # (n,)
     first: int
 
@@ -55,8 +53,6 @@ class JointStep(JointError):
 class TargetStep(SampledEffect):
     """The target slides on the tool: a shift along the axes of the last joint's frame from a pose on."""
 
-    name = "target_step"
-    magnitude_fields = ("shift_mm",)
     needs_equilibrium = True
     shift_mm: Array  # (3,)
     first: int
@@ -74,7 +70,6 @@ class TargetStep(SampledEffect):
 class ScannerStep(SampledEffect):
     """A scanner that is knocked: p becomes c + exp(w) (p - c) + v from a pose on, c the middle of its field."""
 
-    name = "scanner_step"
     magnitude_fields = ("shift_mm", "turn_rad")
     shift_mm: Array  # (3,)
     turn_rad: Array  # (3,)
@@ -100,8 +95,6 @@ class ScannerStep(SampledEffect):
 class ScaleStep(SampledEffect):
     """An instrument that reports all distances from itself too long by a share from a pose on."""
 
-    name = "scale_step"
-    magnitude_fields = ("share",)
     share: float
     first: int
 
@@ -119,8 +112,6 @@ class ScaleStep(SampledEffect):
 class BaseLoosening(SampledEffect):
     """A bolt of the foot gives way: from a pose on the arm turns by c M about its base's origin."""
 
-    name = "base_loosening"
-    magnitude_fields = ("c_rad_per_nm",)
     needs_equilibrium = True
     c_rad_per_nm: Array  # (3,) about x, y, z of the base frame
     first: int
@@ -142,8 +133,6 @@ class PayloadStep(JointError):
     beside the tool point.
     """
 
-    name = "payload_step"
-    magnitude_fields = ("mass_kg",)
     needs_equilibrium = True
     mass_kg: float
     c_rad_per_nm: Array  # (n,)
@@ -179,7 +168,6 @@ class PayloadStep(JointError):
 class LinkStep(SampledEffect):
     """A link bent by a knock: from a pose on its end is turned and shifted, both in the frame at its end."""
 
-    name = "link_step"
     magnitude_fields = ("turn_rad", "shift_mm")
     turn_rad: Array  # (n, 3)
     shift_mm: Array  # (n, 3)
@@ -217,10 +205,8 @@ class LinkStep(SampledEffect):
 class WarmUp(SampledEffect):
     """An arm warmed up by its own motors: all lengths a and d times 1 + g (1 - exp(-t / T)), t from the first pose."""
 
-    name = "warm_up"
     needs_conditions = True
     unrecorded = ("temperature_c",)
-    magnitude_fields = ("growth",)
     growth: float
     settling_s: float
 
@@ -241,8 +227,6 @@ class PathFriction(JointError):
     dz/dq = (1 - z sign(dq)) / length, integrated by Runge and Kutta's midpoint rule.
     """
 
-    name = "path_friction"
-    magnitude_fields = ("h_rad",)
     h_rad: Array  # (n,)
     length_rad: float
 
@@ -274,7 +258,6 @@ class MotorHeat(SampledEffect):
     joint turns by `turn_rad` and its link's end moves out along the link by `growth` of its length, times the heat.
     """
 
-    name = "motor_heat"
     needs_conditions = True
     magnitude_fields = ("turn_rad", "growth")
     turn_rad: Array  # (n,)
@@ -310,8 +293,6 @@ class MotorHeat(SampledEffect):
 class FollowingError(JointError):
     """Joints read while still moving: dq_j = k_j times the motion from the previous pose, 0 at the first."""
 
-    name = "following_error"
-    magnitude_fields = ("k",)
     k: Array  # (n,)
 
     def error(self, arm: Arm, equilibrium: Arm) -> Array:

@@ -8,9 +8,10 @@ with the Jacobians that a fit uses.
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import ClassVar, dataclass_transform
 
@@ -150,9 +151,10 @@ PerJoint = Callable[[Array], TrueEffect]
 class SampledEffect(TrueEffect):
     """An effect that can be simulated by its name: `draw` chooses the joints that carry it, and in which proportion.
 
-    Subclasses are frozen dataclasses by themselves. One with a `name` in a module of `calib.simulation.truth` is
-    registered when it is defined. The name is that of the catalogue's class (`calib.effects.catalogue`); the code is
-    independent of it, and no law is linearised.
+    Subclasses are frozen dataclasses by themselves, named as their class is: JointStep is joint_step, as the
+    catalogue's class (`calib.effects.catalogue`); the code is independent of it, and no law is linearised. Their first
+    field is in proportion to the effect unless `magnitude_fields` says otherwise. Those in a module of
+    `calib.simulation.truth` are registered when they are defined.
     """
 
     in_catalogue: ClassVar[bool] = True  # False: a cause that a diagnosis cannot name and has to leave unexplained
@@ -163,7 +165,11 @@ class SampledEffect(TrueEffect):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         dataclass(frozen=True, eq=False)(cls)
-        if cls.__module__.startswith(_TRUTH) and "name" in vars(cls):
+        if "name" not in vars(cls):
+            cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        if not hasattr(cls, "magnitude_fields") and (own := fields(cls)):
+            cls.magnitude_fields = (own[0].name,)
+        if cls.__module__.startswith(_TRUTH) and not hasattr(cls.draw, "__isabstractmethod__"):
             if cls.name in _REGISTERED:
                 raise TypeError(f"effect {cls.__qualname__} has the name {cls.name!r} of another")
             _REGISTERED[cls.name] = cls

@@ -24,7 +24,6 @@ def _at(scanner_T_target: Array, xyz_mm: Array) -> Array:
 class ScannerDistortion(SampledEffect):
     """Distortion about the middle of the field: depth z + k1 z + k2 z^2, and x, y times 1 + k r^2."""
 
-    name = "scanner_distortion"
     magnitude_fields = ("k1", "k2_per_mm", "k_per_mm2")
     k1: float
     k2_per_mm: float
@@ -50,7 +49,6 @@ class ScannerDistortion(SampledEffect):
 class ScannerDrift(SampledEffect):
     """A scanner that creeps: a point p becomes exp(w t) p + v t, t from the first pose."""
 
-    name = "scanner_drift"
     needs_conditions = True
     magnitude_fields = ("v_mm_per_s", "w_rad_per_s")
     v_mm_per_s: Array  # (3,)
@@ -74,9 +72,7 @@ class ScannerDrift(SampledEffect):
 class IncidenceBias(SampledEffect):
     """Range error that grows with the angle phi between the jig's axis and the ray: b (1 - cos phi) along the ray."""
 
-    name = "incidence_bias"
     needs_facing_jig = True  # the incidence of a jig that faces away is undefined
-    magnitude_fields = ("b_mm",)
     b_mm: float
 
     def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
@@ -93,8 +89,6 @@ class IncidenceBias(SampledEffect):
 class ScannerScale(SampledEffect):
     """A scale error of the scanner: every length 1 + s times too long."""
 
-    name = "scanner_scale"
-    magnitude_fields = ("s",)
     s: float
 
     def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
@@ -108,9 +102,7 @@ class ScannerScale(SampledEffect):
 class FieldBump(SampledEffect):
     """Local fault of the scanner: a shift times exp(-d^2 / 2 w^2) at distance d from a place. Not in the catalogue."""
 
-    name = "field_bump"
     in_catalogue = False
-    magnitude_fields = ("shift_mm",)
     shift_mm: Array  # (3,)
     place_mm: Array  # (3,) scanner frame
     width_mm: float
