@@ -20,7 +20,7 @@ from calib.options import FitOptions
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session, StepErrors
-from inspector.session.session_file import Saved, SavedStep, SessionFileError
+from inspector.session.session_file import FIGURES, Saved, SavedStep, SessionFileError
 
 SAME = 1e-6  # share by which a figure may differ and still be the same
 
@@ -149,8 +149,8 @@ def _differences(saved: Saved, history: Sequence[StepErrors]) -> list[str]:
     if before != now:
         return [f"The steps are now {', '.join(now)}; saved were {', '.join(before)}."]
     for old, new in zip(saved.history, history, strict=True):
-        figures = (new.train_rmse_mm, new.test_rmse_mm, new.sigma_mm)
-        for name, was, is_ in zip(("training RMSE", "test RMSE", "sigma"), old.figures, figures, strict=True):
+        for key, name in FIGURES.items():
+            was, is_ = getattr(old, key), getattr(new, key)
             if was is not None and not math.isclose(was, is_, rel_tol=SAME, abs_tol=1e-12):
                 return [f"{new.label}: the {name} is now {is_:.6g} mm; saved was {was:.6g} mm."]
     return []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -191,5 +192,10 @@ def _errors_after(step: FitStep) -> StepErrors:
 
 def untested(session: Session) -> Session:
     """Session after a new fit, without the rankings, tests and diagnosis of the fit before."""
-    unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
-    return replace(unknown, diagnosis=None, next_poses=None, searched=False, versions=())
+    return replace(session, **tests_of(Session(session.dataset), "screening", "pose_errors", "searched", "versions"))
+
+
+def tests_of(session: Session, *further: str) -> dict[str, Any]:
+    """Tests and verdict of a session, and further fields of it, by their names."""
+    names = ("residual_tests", "advice", "diagnosis", "next_poses", *further)
+    return {name: getattr(session, name) for name in names}

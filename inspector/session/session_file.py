@@ -28,7 +28,7 @@ from inspector.session.session import Session, StepErrors, asked_out
 
 KIND, VERSION = "robot-calibration-inspector session", 1
 POSITION = "position"
-FIGURES = ("train_rmse_mm", "test_rmse_mm", "sigma_mm")  # of a step, mm
+FIGURES = {"train_rmse_mm": "training RMSE", "test_rmse_mm": "test RMSE", "sigma_mm": "sigma"}  # of a step, mm
 
 
 class SessionFileError(CalibError):
@@ -68,11 +68,6 @@ class SavedStep(msgspec.Struct, frozen=True):
     noise: NoiseShape | None = None  # that the points were weighed by
     asked_out: Texts = ()  # ids of poses that were left out as asked; `left_out` has those that stand out
     on_behalf_of: Texts = ()  # effects that the added one stands for as well, as it does not lead them
-
-    @property
-    def figures(self) -> tuple[float | None, float | None, float | None]:
-        """Training RMSE, test RMSE and residual sigma, mm."""
-        return self.train_rmse_mm, self.test_rmse_mm, self.sigma_mm
 
 
 class SavedDataset(msgspec.Struct, frozen=True):

@@ -35,7 +35,7 @@ from calib.screening.blunders import without_blunders
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import run_residual_tests
 from inspector.session.measuring import with_face_labels
-from inspector.session.session import LEFT_OUT, TAKEN_IN, Session, untested
+from inspector.session.session import LEFT_OUT, TAKEN_IN, Session, tests_of, untested
 
 HISTORY_STEPS = 50  # that a session keeps: the first, and the last ones
 RANKED_STEPS = 8  # the last ones, which keep their rankings; a search has five at most
@@ -74,16 +74,9 @@ def with_ranking(session: Session) -> Session:
     """Session with the pose errors, and with every effect ranked against the calibration's residual."""
     calibration = _calibrated(session)
     step = search_space(session).ranked(replace(session.steps[-1], screening=None))
-    return replace(
-        session,
-        screening=step.screening,
-        steps=(*session.steps[:-1], step),
-        pose_errors=pose_errors_of(calibration),
-        residual_tests=None,
-        advice=None,
-        diagnosis=None,
-        next_poses=None,
-    )
+    unknown = tests_of(Session(session.dataset))
+    steps, errors = (*session.steps[:-1], step), pose_errors_of(calibration)
+    return replace(session, **unknown, screening=step.screening, steps=steps, pose_errors=errors)
 
 
 def with_residual_tests(session: Session) -> Session:
@@ -117,16 +110,8 @@ def after_advised(session: Session) -> Session:
 def judged_as(session: Session, known: Session) -> Session:
     """Session with ranking, tests and verdict that are known of the same fit."""
     assert session.calibration is known.calibration
-    return replace(
-        session,
-        screening=known.screening,
-        steps=(*session.steps[:-1], replace(session.steps[-1], screening=known.screening)),
-        pose_errors=known.pose_errors,
-        residual_tests=known.residual_tests,
-        advice=known.advice,
-        diagnosis=known.diagnosis,
-        next_poses=known.next_poses,
-    )
+    steps = (*session.steps[:-1], replace(session.steps[-1], screening=known.screening))
+    return replace(session, **tests_of(known, "screening", "pose_errors"), steps=steps)
 
 
 def search_space(session: Session) -> SearchSpace:

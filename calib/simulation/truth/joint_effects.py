@@ -14,7 +14,7 @@ from calib.simulation.truth.sampling import (
     Rng,
     SampledEffect,
     SimulatedCell,
-    carriers,
+    carried,
     magnitudes,
     one_joint,
 )
@@ -44,11 +44,9 @@ class TransmissionError(JointError):
         n = cell.nominal.n_joints
         share = 0.15 + 0.85 * np.eye(3)[rng.integers(3, size=n)]
         wave = 1e-4 * share * np.exp(2j * np.pi * rng.random((n, 3)))
-
-        def make(size: Array) -> SampledEffect:
-            return cls(size[:, None] * wave.real, size[:, None] * wave.imag)
-
-        return make(carriers(cell, rng, make, magnitudes(cell, rng)))
+        return carried(
+            cell, rng, lambda size: cls(size[:, None] * wave.real, size[:, None] * wave.imag), magnitudes(cell, rng)
+        )
 
 
 class HighHarmonic(TransmissionError):
@@ -109,11 +107,12 @@ class StrainWave(JointError):
         ratio = np.array([joint.gear_ratio or 1.0 for joint in robot.joints])
         share = rng.uniform(0.2, 1.0, (robot.n_joints, 2))  # once a motor turn, twice
         wave = 1e-4 * share * np.exp(2j * np.pi * rng.random(share.shape))
-
-        def make(size: Array) -> SampledEffect:
-            return cls(size[:, None] * wave.real, size[:, None] * wave.imag, ratio)
-
-        return make(carriers(cell, rng, make, magnitudes(cell, rng)))
+        return carried(
+            cell,
+            rng,
+            lambda size: cls(size[:, None] * wave.real, size[:, None] * wave.imag, ratio),
+            magnitudes(cell, rng),
+        )
 
 
 class JointScale(JointError):
@@ -126,7 +125,7 @@ class JointScale(JointError):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        return cls(carriers(cell, rng, cls, 1e-4 * magnitudes(cell, rng, signed=True)))
+        return carried(cell, rng, cls, 1e-4 * magnitudes(cell, rng, signed=True))
 
 
 class JointCoupling(JointError):
@@ -141,13 +140,9 @@ class JointCoupling(JointError):
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Coupling of the last two joints to the one before each, as wrist shafts run through the next joint."""
         n = cell.nominal.n_joints
-
-        def make(size: Array) -> SampledEffect:
-            return cls(np.diag(size[1:], k=-1))
-
         dragged = (np.arange(n) >= n - 2) & cell.nominal.is_revolute
         size = 1e-4 * magnitudes(cell, rng, signed=True) * dragged
-        return make(carriers(cell, rng, make, size))
+        return carried(cell, rng, lambda size: cls(np.diag(size[1:], k=-1)), size)
 
 
 class Backlash(JointError):
@@ -162,7 +157,7 @@ class Backlash(JointError):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        return cls(carriers(cell, rng, cls, 2e-4 * magnitudes(cell, rng)))
+        return carried(cell, rng, cls, 2e-4 * magnitudes(cell, rng))
 
 
 class JointDent(JointError):
@@ -265,8 +260,9 @@ class AxisWobble(SampledEffect):
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         wave = 1e-4 * rng.standard_normal((2, cell.nominal.n_joints, 2, 2))
-
-        def make(size: Array) -> SampledEffect:
-            return cls(size[:, None, None] * wave[0], size[:, None, None] * wave[1])
-
-        return make(carriers(cell, rng, make, magnitudes(cell, rng)))
+        return carried(
+            cell,
+            rng,
+            lambda size: cls(size[:, None, None] * wave[0], size[:, None, None] * wave[1]),
+            magnitudes(cell, rng),
+        )

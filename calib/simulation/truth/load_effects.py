@@ -18,7 +18,7 @@ from calib.simulation.truth.sampling import (
     Rng,
     SampledEffect,
     SimulatedCell,
-    carriers,
+    carried,
     gravity_torques,
     magnitudes,
     one_joint,
@@ -39,7 +39,7 @@ class JointCompliance(JointError):
         """Compliances of similar joints, which vary by 35 %; those of the wrist are about four times larger."""
         n = cell.nominal.n_joints
         size = 1e-5 * np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.35 * rng.standard_normal(n))
-        return cls(carriers(cell, rng, cls, size * cell.nominal.is_revolute))
+        return carried(cell, rng, cls, size * cell.nominal.is_revolute)
 
 
 class GravityBacklash(JointError):
@@ -60,7 +60,7 @@ class GravityBacklash(JointError):
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Play in joints with a clear gravity load: a median torque above 0.3 Nm."""
         loaded = np.median(np.abs(gravity_torques(cell)), axis=0) > 0.3
-        return cls(carriers(cell, rng, cls, 2e-4 * magnitudes(cell, rng) * loaded))
+        return carried(cell, rng, cls, 2e-4 * magnitudes(cell, rng) * loaded)
 
 
 class LinkBending(SampledEffect):
@@ -109,7 +109,7 @@ class LinkBending(SampledEffect):
         ]
         length_mm = np.linalg.norm(spans, axis=1)
         size = 2e-6 * magnitudes(cell, rng) * (length_mm / 400.0) * (length_mm > 50.0)
-        return cls(carriers(cell, rng, cls, size * np.linspace(1.0, 3.0, len(size))))
+        return carried(cell, rng, cls, size * np.linspace(1.0, 3.0, len(size)))
 
 
 class NonlinearStiffness(JointError):
@@ -127,7 +127,7 @@ class NonlinearStiffness(JointError):
         """Compliances that are largest in joints of small torque, so that all yield alike at their largest torques."""
         largest = np.abs(gravity_torques(cell)).max(axis=0)
         size = np.where(largest > 0.3, 1e-4 / np.maximum(largest, 0.3) ** 2, 0.0) * magnitudes(cell, rng)
-        return cls(carriers(cell, rng, cls, size))
+        return carried(cell, rng, cls, size)
 
 
 class LinkTorsion(SampledEffect):

@@ -18,7 +18,7 @@ from calib.simulation.truth.sampling import (
     Rng,
     SampledEffect,
     SimulatedCell,
-    carriers,
+    carried,
     magnitudes,
     one_joint,
 )
@@ -302,4 +302,4 @@ class FollowingError(JointError):
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Following error by which every joint stops short of its target."""
-        return cls(carriers(cell, rng, cls, -1e-4 * magnitudes(cell, rng)))
+        return carried(cell, rng, cls, -1e-4 * magnitudes(cell, rng))

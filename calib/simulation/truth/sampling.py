@@ -144,7 +144,7 @@ def gravity_torques(cell: SimulatedCell) -> Array:
 
 
 Rng = np.random.Generator
-PerJoint = Callable[[Array], TrueEffect]
+PerJoint = Callable[[Array], "SampledEffect"]
 
 
 @dataclass_transform(frozen_default=True, eq_default=False)
@@ -214,8 +214,8 @@ def magnitudes(cell: SimulatedCell, rng: Rng, *, signed: bool = False) -> Array:
     return rng.uniform(0.5, 1.5, n) * sign * cell.nominal.is_revolute
 
 
-def carriers(cell: SimulatedCell, rng: Rng, make: PerJoint, size: Array) -> Array:
-    """Magnitudes (n,): `size` for the joints with the effect, which are all or 1 to 3 visible ones; 0 for the others.
+def carried(cell: SimulatedCell, rng: Rng, make: PerJoint, size: Array) -> SampledEffect:
+    """Effect that `make` makes of magnitudes (n,): `size` for all joints or 1 to 3 visible ones, 0 for the others.
 
     A joint is visible when a geometric fit leaves 5 % or more of what it leaves of the most visible joint.
     """
@@ -229,12 +229,12 @@ def carriers(cell: SimulatedCell, rng: Rng, make: PerJoint, size: Array) -> Arra
         raise CalibError(f"{make(size).name} does nothing to robot {cell.nominal.name} at these poses")
     visible = np.flatnonzero(visible_mm > 0.05 * visible_mm.max())
     if rng.random() < 0.5:
-        return size
+        return make(size)
     kept = rng.choice(visible, min(int(rng.integers(1, 4)), len(visible)), replace=False)
-    return np.where(np.isin(np.arange(len(size)), kept), size, 0.0)
+    return make(np.where(np.isin(np.arange(len(size)), kept), size, 0.0))
 
 
-def one_joint(cell: SimulatedCell, rng: Rng, make: Callable[[Array], SampledEffect]) -> SampledEffect:
+def one_joint(cell: SimulatedCell, rng: Rng, make: PerJoint) -> SampledEffect:
     """Effect that `make` makes of magnitudes (n,): 1e-4 of either sign for one visible joint, 0 for others."""
     size = 1e-4 * cell.nominal.is_revolute
     visible_mm = np.array([cell.visible_rms_mm(make(size * row)) for row in np.eye(len(size))])

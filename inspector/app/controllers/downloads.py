@@ -148,18 +148,23 @@ def corrected(upload: Upload, asked: Asked) -> tuple[bytes, list[Block]]:
 
 def _made(what: str, asked: Asked) -> tuple[str, bytes]:
     """Name and bytes of a file; what a plug-in brings is made by its own function."""
-    maker: Callable[[Asked], tuple[str, bytes]] = load(CONTRIBUTED[what].make) if what in CONTRIBUTED else MAKERS[what]
-    return maker(asked)
+    if what in CONTRIBUTED:
+        made: tuple[str, bytes] = load(CONTRIBUTED[what].make)(asked)
+        return made
+    if what == OWN_FILE:
+        return _own_file(asked)
+    name, text = TEXTS[what]
+    return name, text(asked).encode()
 
 
-def _report(asked: Asked) -> tuple[str, bytes]:
+def _report(asked: Asked) -> str:
     from inspector.report.report import report_html
 
     session = asked.session
     assert asked.calibration is not None
     if session.screening is None:
         session = sessions.with_screening(session)
-    return "report.html", report_html(session, now=datetime.now()).encode()
+    return report_html(session, now=datetime.now())
 
 
 def _table(asked: Asked) -> ExportedTable:
@@ -167,10 +172,6 @@ def _table(asked: Asked) -> ExportedTable:
     table = exported_table(asked.calibration, asked.session.links_alone)
     table.require_improvement()
     return table
-
-
-def _robot(asked: Asked) -> tuple[str, bytes]:
-    return "robot.toml", _table(asked).to_toml().encode()
 
 
 def _own_file(asked: Asked) -> tuple[str, bytes]:
@@ -181,43 +182,38 @@ def _own_file(asked: Asked) -> tuple[str, bytes]:
     return f"calibrated{template.suffix}", within_limits(template.name, table.in_template, template).content
 
 
-def _model(asked: Asked) -> tuple[str, bytes]:
+def _model(asked: Asked) -> str:
     asked.calibration.require_improvement()
-    return "model.json", asked.calibration.fitted_model.to_json().encode()
+    return asked.calibration.fitted_model.to_json()
 
 
-def _session(asked: Asked) -> tuple[str, bytes]:
+def _session(asked: Asked) -> str:
     view = asked.view
     arrows = view.arrows if view.arrows_chosen else None
     shown = Shown(view.pose_id, asked.view_name, arrows=arrows, factor=view.factor)
-    return "session.json", session_text(asked.session, beside=asked.root, shown=shown).encode()
+    return session_text(asked.session, beside=asked.root, shown=shown)
 
 
-def _residuals(asked: Asked) -> tuple[str, bytes]:
-    return "residuals.csv", exports.residuals_csv(asked.calibration).encode()
-
-
-def _points(asked: Asked) -> tuple[str, bytes]:
+def _points(asked: Asked) -> str:
     measured = asked.session.measured
     if measured.points is None or not len(measured.points):
         raise DatasetError(f"dataset {measured.name}: no corner is found yet")
-    return "points.csv", exports.corners_csv(measured).encode()
+    return exports.corners_csv(measured)
 
 
-def _redundancy(asked: Asked) -> tuple[str, bytes]:
+def _redundancy(asked: Asked) -> str:
     known = asked.session.redundancy or measuring.with_redundancy(asked.session).redundancy
     assert known is not None
-    return "redundancy.csv", exports.redundancy_csv(known).encode()
+    return exports.redundancy_csv(known)
 
 
-MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
-    REPORT: _report,
-    OWN_FILE: _own_file,
-    TABLE: _robot,
-    MODEL: _model,
-    SESSION: _session,
-    RESIDUALS: _residuals,
-    POINTS: _points,
-    REDUNDANCY: _redundancy,
+TEXTS: dict[str, tuple[str, Callable[[Asked], str]]] = {
+    REPORT: ("report.html", _report),
+    TABLE: ("robot.toml", lambda asked: _table(asked).to_toml()),
+    MODEL: ("model.json", _model),
+    SESSION: ("session.json", _session),
+    RESIDUALS: ("residuals.csv", lambda asked: exports.residuals_csv(asked.calibration)),
+    POINTS: ("points.csv", _points),
+    REDUNDANCY: ("redundancy.csv", _redundancy),
 }
-"""How each file is made."""
+"""Name of each file of text, and how it is made."""

@@ -25,9 +25,8 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.planned import aims_of
 from inspector.session.reopening import reopened
-from inspector.session.session import Session
+from inspector.session.session import Session, tests_of
 from inspector.session.session_file import Saved, Shown
-from inspector.session.transitions import with_pose_taken_in, with_poses_left_out
 from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
 
@@ -198,7 +197,7 @@ class ModelController:
             yield from self.leave_out_poses((pose_id,))
             return
         if pose_id in self._session.uncounted:
-            self._with_other_poses(with_pose_taken_in(self._session, pose_id))
+            self._with_other_poses(sessions.with_pose_taken_in(self._session, pose_id))
             yield
         yield from self.rank()
 
@@ -207,7 +206,7 @@ class ModelController:
         session = self._session
         ids = [i for i in pose_ids if i in session.dataset.poses.ids and i not in session.uncounted]
         if ids:
-            self._with_other_poses(with_poses_left_out(session, *ids))
+            self._with_other_poses(sessions.with_poses_left_out(session, *ids))
             yield
         yield from self.rank()
 
@@ -366,8 +365,7 @@ class ModelController:
         yield
         tested = yield from self._beside(lambda: sessions.with_residual_tests(session), session)
         if tested is not None and self._session.screening is session.screening:
-            known = replace(self._session, residual_tests=tested.residual_tests, advice=tested.advice)
-            self._state.keep(replace(known, diagnosis=tested.diagnosis, next_poses=tested.next_poses))
+            self._state.keep(replace(self._session, **tests_of(tested)))
             self._panels.missing_effects.judge(self._session)
             self._panels.missing_effects.update_choice(self._state.now)
             self._panels.plan.offer(aims_of(self._session))
