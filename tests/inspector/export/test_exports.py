@@ -131,7 +131,7 @@ def test_one_command_writes_them_all_and_another_opens_the_session(
     read = load_session(files["s.json"])
     assert dataset_of(read, folder.parent) == folder
     assert [step.label for step in read.history] == ["as delivered", "calibrated links", f"+ {HIDDEN}"]
-    assert read.history[-1].figures[1] == pytest.approx(document["test"]["rmse_mm"], rel=1e-12)
+    assert read.history[-1].test_rmse_mm == pytest.approx(document["test"]["rmse_mm"], rel=1e-12)
     assert opening(read, folder)[1] == ()
 
 
