@@ -32,11 +32,11 @@ def test_noise_is_not_said_of_test_poses_that_are_off_by_more() -> None:
 
 def test_the_residual_names_its_inputs_its_fault_and_the_poses_that_stand_out() -> None:
     first = InputTest("q2", 1e-3, Channel(joint=1))
-    words = residual_tests(replace(NOISE, inputs=(first,), fault=SWAY, outlier_poses=("p1", "p2")))
+    words = residual_tests(replace(NOISE, inputs=(first,), fault=SWAY, outlier_poses=("p1", "p2")), NOISE.residual_mm)
     assert Reference("joint", 2, "joint 2 (q2)") in words
     assert {Reference("pose", "p1", "p1"), Reference("pose", "p2", "p2")} <= set(words)
     assert "depends systematically on joint 2 (q2) (p = 0.001)" in plain(words)
-    without = residual_tests(replace(NOISE, inputs=(replace(first, p_value=0.6),)))
+    without = residual_tests(replace(NOISE, inputs=(replace(first, p_value=0.6),)), NOISE.residual_mm)
     assert "does not depend systematically on any of 1 input " in plain(without)
     along = replace(NOISE, inputs=(InputTest("x", 1e-3, Channel(axis="z")),))
-    assert "along z of the instrument's frame" in plain(residual_tests(along))
+    assert "along z of the instrument's frame" in plain(residual_tests(along, NOISE.residual_mm))

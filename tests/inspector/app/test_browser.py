@@ -71,7 +71,7 @@ def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
         says(page, numbers.coordinate(value))
     page.get_by_role("button", name="Show the corner").click()
     node_drawn(page, f"{ROOT}/corner/ellipsoid")
-    says(page, "standard deviation")
+    says(page, "sigma, 3D")
 
 
 def test_a_failed_scan_is_explained(page: Any, app: App) -> None:

@@ -72,15 +72,15 @@ def test_residuals_have_a_row_a_pose_and_give_the_figures_of_the_fit(dataset: Da
     error = table[[f"error_{axis}_mm" for axis in "xyz"]].to_numpy()
     predicted = table[[f"predicted_{axis}_mm" for axis in "xyz"]].to_numpy()
     measured = table[[f"measured_{axis}_mm" for axis in "xyz"]].to_numpy()
-    np.testing.assert_allclose(predicted - measured, error, atol=1e-9)
-    np.testing.assert_allclose(table["error_mm"], np.linalg.norm(error, axis=1), atol=1e-9)
-    np.testing.assert_allclose(measured, dataset.points.xyz_mm, atol=1e-9)  # one point a pose here
+    np.testing.assert_allclose(predicted - measured, error, atol=2e-6)  # six decimals
+    np.testing.assert_allclose(table["error_mm"], np.linalg.norm(error, axis=1), atol=2e-6)
+    np.testing.assert_allclose(measured, dataset.points.xyz_mm, atol=1e-6)  # one point a pose here
     for of, rows in (
         (fitted.after.test, table["role"] == "test"),
         (fitted.after.train, table["role"] != "test"),
     ):
-        assert rms(table["error_mm"][rows]) == pytest.approx(of.rmse_mm, rel=1e-9)
-        assert table["error_mm"][rows].max() == pytest.approx(of.max_mm, rel=1e-9)
+        assert rms(table["error_mm"][rows]) == pytest.approx(of.rmse_mm, abs=1e-6)
+        assert table["error_mm"][rows].max() == pytest.approx(of.max_mm, abs=1e-6)
 
 
 def test_repeats_of_a_pose_are_one_row(dataset: Dataset, fitted: Calibration) -> None:
@@ -91,7 +91,7 @@ def test_repeats_of_a_pose_are_one_row(dataset: Dataset, fitted: Calibration) ->
     table = residual_table(add_in_turn(doubled, [])[-1].calibration)
     assert (table["points"] == 2).all()
     measured = table[[f"measured_{axis}_mm" for axis in "xyz"]].to_numpy()
-    np.testing.assert_allclose(measured, dataset.points.xyz_mm, atol=1e-9)
+    np.testing.assert_allclose(measured, dataset.points.xyz_mm, atol=1e-6)
     assert len(residual_table(fitted)) == len(table)
 
 

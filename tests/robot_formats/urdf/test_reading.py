@@ -184,5 +184,5 @@ def test_utf_16_and_missing_files_are_told(tmp_path: Path) -> None:
         read_robot(path)
     with pytest.raises(RobotFileError, match="No such file"):
         read_robot(tmp_path / "none.urdf")
-    with pytest.raises(RobotFileError, match="expected"):
+    with pytest.raises(RobotFileError, match="no such file, and no built-in robot"):
         read_robot(tmp_path / "robot.step")

@@ -33,7 +33,7 @@ def given(tmp_path: Path) -> Path:
 @pytest.mark.slow
 def test_the_one_json_object_has_what_was_recognised(given: Path) -> None:
     arguments = ["--robot", "rb5", "--joints", str(given / "log.csv"), "--map", "z=z_m", "--json"]
-    assert "have different units" in refused("import", given / "cell", *arguments)
+    assert "have different units" in refused("import", given / "cell", *arguments, "--map", "x=x_mm")
     maps = ["--map", "x=x_m", "--map", "y=y_m"]
     document = json.loads(printed("import", given / "cell", *arguments, *maps))
     assert document["roles"] == {"reference": 1, "train": 29, "test": 10}

@@ -79,7 +79,7 @@ def test_an_installation_has_what_its_record_names(installed: Path, here: Path):
         (["hidden_effect_d"], "hidden_effect_d: no such sample; there are hidden_effect_a, "),
         (["hidden_effect_a", "--out", "full"], "full: exists and is not empty"),
         (["hidden_effect_a", "--out", "full/file"], "full/file: exists and is not empty"),
-        (["hidden_effect_a", "--out", "full/file/below"], "full/file: "),
+        (["hidden_effect_a", "--out", "full/file/below"], "full/file/below: cannot be written"),
         (["--out", "x"], "--out: name the sample"),
     ],
 )
