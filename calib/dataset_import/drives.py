@@ -43,7 +43,7 @@ def _pairs(table: UserTable) -> Iterator[tuple[str, Array, Array]]:
     for found in named.values():
         if len(found) == 2:
             names = (found["commanded"], found["read"])
-            values = np.column_stack([table.numbers(name, lambda _: None) for name in names])
+            values = table.known(names)
             scale = np.degrees(ANGLES_RAD.get(split_unit(names[1])[1], ANGLES_RAD["deg"]))
             commanded, read = scale * values[np.isfinite(values).all(axis=1)].T
             yield names[1], commanded, read

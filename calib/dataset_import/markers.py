@@ -85,7 +85,7 @@ def with_tool_named(report: ImportReport, points: MeantTable, robot: Robot) -> t
     known = {target.name for target in robot.targets} | {TOOL_POINT}
     if robot.carries_scanner or set(targets) <= known:
         return points, list(range(len(table)))
-    xyz = _places(points)
+    xyz = coordinates(ImportReport(None), table, [*map(points.named, "xyz")])
     poses = points.cells("pose") or list(map(str, range(len(table))))
     of_each = {name: {p: i for i, (p, t) in enumerate(zip(poses, targets, strict=True)) if t == name}
                for name in dict.fromkeys(targets)}  # fmt: skip
@@ -222,11 +222,6 @@ def _on_link(robot: Robot, q: Array, in_base_mm: Array, *, last: bool = False) -
         if scatter < _CLEARLY * best[0]:
             best = (scatter, place, None if k == robot.n_joints else k)
     return best
-
-
-def _places(points: MeantTable) -> Array:
-    """Coordinates (M, 3) of a table; NaN for cells without a number."""
-    return np.column_stack([coordinates(ImportReport(None), points.table, points.named(axis)) for axis in "xyz"])
 
 
 def spread_of(xyz: Array) -> float:

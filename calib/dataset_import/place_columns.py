@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from calib.dataset_import.column_words import AXES, WORDS, is_called, kind_of_marker, words_of
-from calib.text_files.column_names import LENGTHS_MM, plain, split_unit
+import numpy as np
+
+from calib.dataset_import.column_words import AXES, POLAR, WORDS, is_called, kind_of_marker, words_of
+from calib.text_files.column_names import ANGLES_RAD, GON_RAD, LENGTHS_MM, plain, split_unit
 from calib.text_files.user_table import UserTable
 
 Triple = tuple[str, str, str]
@@ -47,6 +49,8 @@ _TURNS: dict[tuple[str, ...], tuple[str, ...]] = {  # () of forms: a quaternion,
     ("qw", "qx", "qy", "qz"): (),
     ("q1", "q2", "q3", "q4"): (),
 }
+_ANGLES = ANGLES_RAD | {"gon": GON_RAD}
+_CIRCLES = (("rad", 2.0 * np.pi), ("deg", 360.0), ("gon", 400.0))
 _ENTRY = re.compile(r"([a-z]+?)([0-4])([0-4])")  # of a matrix, by its row and column
 
 
@@ -200,3 +204,44 @@ def _numbered_poses(names: Sequence[str]) -> list[tuple[str, ...]]:
     """Six columns of each pose that is numbered, such as actual_TCP_pose_0 ...: a place, then a rotation vector."""
     numbered = _numbered(names)
     return [c for stem, c in numbered.items() if len(c) == 6 and "pose" in stem and "target" not in stem]
+
+
+# ---- two angles and a distance, as total stations and trackers tell a point ------------------------------------------
+
+
+def polar_columns(names: Sequence[str]) -> dict[str, str]:
+    """Columns of an azimuth, a height and a distance by their kind; {} where there are not all, or x, y, z as well."""
+    named = {plain(split_unit(name)[0]): name for name in reversed(names)}
+    found = {kind: named[word] for kind, words in POLAR.items() for word in reversed(words) if word in named}
+    heights = [kind for kind in ("zenith", "elevation", "height") if kind in found]
+    is_whole = heights and {"azimuth", "distance"} <= set(found) and len(point_columns(names)) < 3
+    return {kind: found[kind] for kind in ("azimuth", heights[0], "distance")} if is_whole else {}
+
+
+def with_places(table: UserTable) -> tuple[UserTable, list[Triple]]:
+    """The table with places in place of angles and distances, and the columns of each reading of them; [] of none.
+
+    Azimuths count from x to y or, as a total station's, from north (y) to east (x); heights are counted from the zenith
+    or from the horizon. The way is the one in which the arm meets the points (`calib.dataset_import.plan`).
+    """
+    polar = polar_columns(table.columns) if table.has_header else {}
+    if not polar:
+        return table, []
+    azimuth, up, distance = table.known(polar.values()).T
+    told, unit = (split_unit(polar[kind])[1] for kind in ("azimuth", "distance"))
+    largest = float(np.nanmax(np.abs([azimuth, up])))
+    likely = [unit for unit, turn in _CIRCLES if largest <= 1.001 * turn][: 1 if largest <= _CIRCLES[0][1] else None]
+    columns: dict[str, list[str]] = {n: table.text(n) for n in table.columns if n not in polar.values()}
+    readings: list[Triple] = []
+    for angle in [told] if told in _ANGLES else likely:
+        turn, height = _ANGLES[angle] * azimuth, _ANGLES[angle] * up
+        for above in [np.pi / 2.0 - height] * ("elevation" not in polar) + [height] * ("zenith" not in polar):
+            x, y, z = np.cos(above) * np.cos(turn), np.cos(above) * np.sin(turn), np.sin(above)
+            for places in ((x, y, z), (y, x, z)):
+                ends = (f"reading {len(readings) + 1}{letter}" for letter in "abc") if readings else iter("xyz")
+                a, b, c = (f"{end} [{unit}]" if unit else end for end in ends)
+                readings.append((a, b, c))
+                for name, axis in zip(readings[-1], places, strict=True):
+                    columns[name] = ["" if np.isnan(v) else repr(v) for v in (distance * axis).tolist()]
+    rows = tuple(zip(*columns.values(), strict=True))
+    return replace(table, columns=tuple(columns), rows=rows), readings

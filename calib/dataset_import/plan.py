@@ -20,8 +20,7 @@ from calib.dataset_import.convention import Sheet, has_known_unit, settled, with
 from calib.dataset_import.drives import drives_in_words
 from calib.dataset_import.markers import beside_each_other, in_rows, with_targets, with_tool_named
 from calib.dataset_import.measured import MeasuredPoses
-from calib.dataset_import.place_columns import Triple, has_poses, own_pose_columns
-from calib.dataset_import.polar_places import with_places
+from calib.dataset_import.place_columns import Triple, has_poses, own_pose_columns, with_places
 from calib.dataset_import.pose_names import files_of_rows, matched
 from calib.dataset_import.questions import (
     Question,
@@ -31,6 +30,7 @@ from calib.dataset_import.questions import (
     tool_questions,
     unit_question,
     with_tool_mass,
+    with_tool_offset,
 )
 from calib.dataset_import.reading import (
     ImportReport,
@@ -53,7 +53,6 @@ from calib.dataset_import.reading import (
     with_clear_reading,
 )
 from calib.dataset_import.sources import ImportSource
-from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.units import joint_units, length_unit
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
 from calib.errors import CalibError, DatasetError
@@ -65,7 +64,7 @@ from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
 from calib.robot_formats.urdf.meshes import stl_of_links
 from calib.scans.scan import load_scan
-from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM, split_unit
+from calib.text_files.column_names import LENGTHS_MM, SCALES, split_unit
 from calib.text_files.csv_text import as_number
 from calib.text_files.user_table import COLUMN, Fault, RowFault, UserTable, load_table
 
@@ -447,7 +446,7 @@ class _Planning:
         )
         joints = self.joints = _with_units(joints, names, units, _short(how))
         points = self.points or joints
-        scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
+        scale = np.array([SCALES[unit] for unit in units])
         commanded = q_file * scale
         told = [with_told_commands(each, joints.meant, scale) for each in sources.robots]
         q = told[0].robot.robot.joints_of(commanded)
@@ -575,7 +574,7 @@ class _Planning:
         names = own_pose_columns(table.columns)
         if not names or (self.joints is not None and self.joints.named("x") in names):
             return
-        places = np.column_stack([table.numbers(name, lambda _: None) for name in names])
+        places = table.known(names)
         if not np.isfinite(places).all(axis=1).any():
             return
         unit = split_unit(names[0])[1]

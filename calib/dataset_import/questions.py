@@ -17,7 +17,13 @@ from calib.effects.gravity import has_masses, tells_tool_mass
 from calib.frames import apply, invert
 from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
-from calib.kinematics.tool_point import tip_T_last, tool_point_of
+from calib.kinematics.tool_point import (
+    ending_at_tool_point,
+    tip_T_last,
+    tool_point_of,
+    with_own_tool_point,
+    with_tool_point,
+)
 from calib.robot_formats.chain.five_parameters import vector
 from calib.robot_formats.robot_file import RobotFile
 
@@ -88,6 +94,21 @@ def tool_questions(
 def end_of(file: RobotFile) -> str:
     """Name of the frame at which a robot's file ends."""
     return file.chain.tip if file.chain is not None and file.chain.tip else "the flange's frame"
+
+
+def with_tool_offset(file: RobotFile, offset_mm: Vector) -> RobotFile:
+    """Robot whose measured point is at an offset, mm, from the end of its file.
+
+    A URDF and other files of a chain end at a flange: the point becomes the target "jig" of robot.toml, at the offset
+    in the flange's frame, and the tool row keeps the flange. In a robot.toml [tool] is the tool: the tool row then ends
+    at the offset in the flange's frame.
+    """
+    point_mm = np.array(offset_mm, dtype=float)
+    if file.chain is None:
+        in_last_mm = apply(file.robot.flange.transform, point_mm)
+        return replace(file, robot=with_tool_point(ending_at_tool_point(file.robot), in_last_mm))
+    in_last_mm = apply(invert(tip_T_last(file.robot)), point_mm)
+    return replace(file, robot=with_own_tool_point(file.robot, vector(in_last_mm)))
 
 
 def with_tool_mass(file: RobotFile, sample: Sample | None, mass_kg: float) -> RobotFile:

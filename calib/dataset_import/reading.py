@@ -266,7 +266,7 @@ def joint_values(report: ImportReport, joints: MeantTable) -> Array | None:
     if report.robot is None:  # its cells are judged all the same
         for meaning, column in columns.items():
             if quantity_of(meaning) == "q":
-                coordinates(report, joints.table, column.name, may_be_empty=False)
+                coordinates(report, joints.table, [column.name], may_be_empty=False)
         return None
     names = [f"q{k + 1}" for k in range(report.robot.n_joints)]
     if not all(name in columns for name in names):
@@ -282,8 +282,7 @@ def joint_values(report: ImportReport, joints: MeantTable) -> Array | None:
             )
     if len(report.faults) > count:
         return None
-    cells = [coordinates(report, joints.table, columns[name].name, may_be_empty=False) for name in names]
-    return np.column_stack(cells)
+    return coordinates(report, joints.table, [*map(joints.named, names)], may_be_empty=False)
 
 
 def point_values(report: ImportReport, points: MeantTable, *, needed: bool) -> Array | None:
@@ -304,7 +303,7 @@ def point_values(report: ImportReport, points: MeantTable, *, needed: bool) -> A
                 "--map column=x"
             )
         return None
-    found = np.column_stack([coordinates(report, table, columns[axis].name) for axis in "xyz"])
+    found = coordinates(report, table, [*map(points.named, "xyz")])
     blank = np.array([[not cell for cell in points.cells(axis)] for axis in "xyz"]).T
     for i in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1)):
         named = " and ".join(columns["xyz"[k]].name for k in np.flatnonzero(blank[i]))
@@ -312,16 +311,15 @@ def point_values(report: ImportReport, points: MeantTable, *, needed: bool) -> A
     return found
 
 
-def coordinates(report: ImportReport, table: UserTable, name: str, *, may_be_empty: bool = True) -> Array:
-    """Numbers of a column; NaN for an empty cell, a point that was not measured, and for a fault.
+def coordinates(report: ImportReport, table: UserTable, names: Sequence[str], *, may_be_empty: bool = True) -> Array:
+    """Numbers (rows, columns) of columns; NaN for an empty cell, a point that was not measured, and for a fault.
 
     A fault is a cell without a number or with one beyond any arm.
     """
-    values = table.numbers(name, report.fault, may_be_empty=may_be_empty)
-    beyond = np.abs(values) > _MOST
-    for i in np.flatnonzero(beyond):
-        report.fault(table.fault(int(i), f"found {values[i]:g}, which is far too large", name))
-    return np.where(beyond, np.nan, values)
+    values = np.column_stack([table.numbers(name, report.fault, may_be_empty=may_be_empty) for name in names])
+    for k, i in np.argwhere(np.abs(values.T) > _MOST).tolist():
+        report.fault(table.fault(i, f"found {values[i, k]:g}, which is far too large", names[k]))
+    return np.where(np.abs(values) > _MOST, np.nan, values)
 
 
 def pose_ids(report: ImportReport, joints: MeantTable) -> list[str]:
@@ -565,7 +563,7 @@ def with_clear_reading(
     assert report.robot is not None
     shares = []
     for names in readings:
-        seen = np.column_stack([points.table.numbers(name, lambda _: None) for name in names])
+        seen = points.table.known(names)
         shares.append(misfit_share(report.robot, q, point_of_each_pose(len(q), seen, row_of)))
     best, second, *_ = np.argsort(shares)
     if not shares[second] > _CLEAR * shares[best]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from calib.dataset_import.columns import are_names, end_in_joint, length_column, recognise
-from calib.dataset_import.polar_places import polar_columns
+from calib.dataset_import.place_columns import polar_columns
 from calib.dataset_import.sources import ImportSource
 from calib.errors import CalibError
 from calib.plugins import contributions, load
@@ -160,7 +160,7 @@ def _judged(path: Path) -> UserFile:
             return _judged_records(path)
         return UserFile(path, ROBOT, "joint origins")
     if suffix in _TABLES:
-        return _judged_text(path)
+        return _judged_records(path, of_head=True)
     forms = forms_of(path)
     if forms:
         head = _head(path) if any(form.mark for form in forms) else ""
@@ -198,9 +198,14 @@ def _unread(path: Path, error: CalibError) -> UserFile:
     return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
 
 
-def _judged_records(path: Path) -> UserFile:
-    """A file of records, a sheet, or a pattern of files with one record each, as the table that they are."""
+def _judged_records(path: Path, *, of_head: bool = False) -> UserFile:
+    """A file of records, a sheet, or a pattern of files with one record each, as the table that they are.
+
+    of_head: whether it is a text, of which the beginning is enough.
+    """
     try:
+        if of_head:
+            return _judged_table(path, parse_table(path, _head(path), lambda _: None, _are_names))
         found = _judged_table(path, load_table(path, lambda _: None, any_encoding=True, is_names=_are_names))
     except CalibError as error:
         found = _unread(path, error)
@@ -217,13 +222,6 @@ def of_workbook(path: Path) -> UserFiles:
     """Sheets of a workbook as tables, where several are; no files where one or none is."""
     found = [file for file in _sheets(path) if file.kind != UNUSED]
     return UserFiles(path.parent, tuple(found) if len(found) > 1 else ())
-
-
-def _judged_text(path: Path) -> UserFile:
-    try:
-        return _judged_table(path, parse_table(path, _head(path), lambda _: None, _are_names))
-    except CalibError as error:
-        return _unread(path, error)
 
 
 def _are_names(names: Sequence[str]) -> bool:

@@ -23,7 +23,7 @@ from calib.kinematics.chain import nominal_chain
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.serial_chain import chain_frames
 from calib.robot_formats.robot_file import ReadOptions, RobotFile, named_robot, read_arm
-from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM
+from calib.text_files.column_names import ANGLES_RAD, LENGTHS_MM, SCALES
 from calib.text_files.user_table import UserTable, load_table
 
 _QUARTER_RAD = float(np.radians(1.0))  # from whole quarter turns, within which two frames are one and its axes' names
@@ -149,7 +149,7 @@ def _joints_in(table: UserTable, robot: Robot) -> Array:
     report.raise_all()
     assert values is not None
     units, _ = joint_units(robot, values, [joints.meant.columns[f"q{k + 1}"].unit for k in range(robot.n_joints)], None)
-    return robot.joints_of(values * [ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
+    return robot.joints_of(values * [SCALES[unit] for unit in units])
 
 
 def _frames_at(arm: RobotFile, path: Path, reading: ReadOptions, q: Array) -> list[NamedFrame]:

@@ -28,6 +28,8 @@ UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling i
 """Spellings of units, and the name of each unit in this program."""
 LENGTHS_MM = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
 ANGLES_RAD = {"deg": math.radians(1.0), "rad": 1.0}
+SCALES = ANGLES_RAD | LENGTHS_MM
+"""Units of joints in rad and mm."""
 GON_RAD = math.pi / 200.0
 MOST_CHARACTERS = 200  # of a column name that is parsed
 _UNIT = re.compile(

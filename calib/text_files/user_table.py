@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -111,6 +111,10 @@ class UserTable:
             elif cell or not may_be_empty:
                 fault(self.fault(i, f"found {cell[:40]!r}; a number is needed", column))
         return out
+
+    def known(self, columns: Iterable[str]) -> Array:
+        """Numbers (rows, columns) of some columns; NaN for a cell that holds none."""
+        return np.column_stack([self.numbers(column, lambda _: None) for column in columns])
 
 
 def load_table(

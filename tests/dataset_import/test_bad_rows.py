@@ -13,7 +13,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset_import.import_dataset import write_plan
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
-from calib.dataset_import.tool_offset import with_tool_offset
+from calib.dataset_import.questions import with_tool_offset
 from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
 from calib.kinematics.chain import target_points
 from calib.kinematics.tool_point import tool_point_of
