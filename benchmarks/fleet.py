@@ -3,10 +3,10 @@
     python benchmarks/fleet.py [--datasets 24] [--poses 16] [--workers 1 2 1 2] [--kill] [--folder DIR]
 
 Eight arms are simulated with scans of 12,000 points; each dataset has the scans of one of them with range noise of its
-own, a serial number and a date: two datasets an arm. One of the eight has a bad gear and is what the arms of one range
-of serial numbers have. Each run is a process of its own that judges all datasets afresh on local processes, in the
+own, a serial number, a date and a gear lot: two datasets an arm. One of the eight has a bad gear and is what the arms
+of one lot have. Each run is a process of its own that judges all datasets afresh on local processes, in the
 order of `--workers`, so that runs with one and with two take turns. `wall` is from the start of the workers to the last
-comparison; `client s` is the processor time of the process that gives out the work, `client MB` its memory after a
+dataset; `client s` is the processor time of the process that gives out the work, `client MB` its memory after a
 quarter of the datasets and at the end; `--kill` ends a worker with SIGKILL after a quarter. The load of the machine
 stands beside each row: a ratio of times means something only where nothing else runs. The table is hashed.
 """
@@ -35,6 +35,7 @@ from calib.dataset.dataset import About  # noqa: E402
 from calib.dataset.files.folder import load_dataset, write_dataset  # noqa: E402
 from calib.dataset.files.robot_toml import builtin_robot  # noqa: E402
 from calib.extras.fleet.discovery import discover  # noqa: E402
+from calib.extras.fleet.present.fleets import cause_phrase  # noqa: E402
 from calib.extras.fleet.run import run_fleet  # noqa: E402
 from calib.extras.fleet.table import table_bytes  # noqa: E402
 from calib.extras.fleet.workers import local_workers  # noqa: E402
@@ -60,7 +61,12 @@ def make_fleet(folder: Path, datasets: int, poses: int) -> None:
         rng, arm = np.random.default_rng([1, i]), i // 2
         source = sets[BAD] if i in batch else sets[arm % BAD]
         place = folder / "fleet" / ("Ulm" if arm % 2 else "Busan") / f"cell{i:04d}"
-        about = About(serial=f"A-{arm:03d}", site=place.parent.name, date=f"2026-{3 + i % 2 * 7:02d}-01")
+        about = About(
+            serial=f"A-{arm:03d}",
+            site=place.parent.name,
+            date=f"2026-{3 + i % 2 * 7:02d}-01",
+            extra={"gear": f"lot {17 if i in batch else arm % 4}"},
+        )
         write_dataset(replace(source, name=place.name, about=about), place)
         for name in source.poses.scan_names:
             points = load_scan(place / "scans" / name).points_mm
@@ -97,9 +103,7 @@ def run(folder: Path, workers: int, *, kill: bool) -> None:
                 "work": fleet.seconds,
                 "rows": len(fleet.rows),
                 "failed": [failure.reason for failure in fleet.failures],
-                "drifts": len(fleet.drifts),
-                "verdicts": fleet.verdicts,
-                "shared": [cause.words for cause in fleet.shared if cause.groups],
+                "shared": [cause_phrase(cause) for cause in fleet.shared],
                 "quarter_mb": memory[count // 4],
                 "end_mb": memory[-1],
                 "peak_mb": memory_mb("VmHWM"),
@@ -136,7 +140,7 @@ def measure(folder: Path, arguments: argparse.Namespace) -> None:
     print(f"{arguments.datasets} datasets of {arguments.poses} scans, {len(os.sched_getaffinity(0))} cores")
     print(
         f"{'workers':10}{'wall s':>8}{'up s':>6}{'work s':>8}{'client s':>9}{'client MB: 1/4':>15}{'end':>6}{'peak':>6}"
-        f"{'rows':>6}{'pairs':>7}{'load before, after':>20}  table"
+        f"{'rows':>6}{'load before, after':>20}  table"
     )
     walls: dict[int, list[float]] = {}
     runs = [(workers, False) for workers in arguments.workers] + [(2, True)] * arguments.kill
@@ -149,12 +153,12 @@ def measure(folder: Path, arguments: argparse.Namespace) -> None:
             walls.setdefault(workers, []).append(r["wall"])
         print(
             f"{str(workers) + (' killed' if kill else ''):10}{r['wall']:8.1f}{r['up']:6.1f}{r['work']:8.1f}"
-            f"{r['cpu']:9.1f}{r['quarter_mb']:15.0f}{r['end_mb']:6.0f}{r['peak_mb']:6.0f}{r['rows']:6}{r['drifts']:7}"
+            f"{r['cpu']:9.1f}{r['quarter_mb']:15.0f}{r['end_mb']:6.0f}{r['peak_mb']:6.0f}{r['rows']:6}"
             f"{load:12.1f}{os.getloadavg()[0]:8.1f}  {r['hash']}",
             *r["failed"],
             flush=True,
         )
-    print(r["verdicts"], *r["shared"], sep="\n")
+    print(*r["shared"], sep="\n")
     if {1, 2} <= walls.keys():
         one, two = (float(np.median(walls[n])) for n in (1, 2))
         print(f"two workers are {one / two:.2f} times one (medians)")

@@ -24,23 +24,23 @@ def map_as_completed(
         for index, item in enumerate(items):
             yield index, function(item)
         return
-    for index, future in futures_as_completed(function, items, executor, in_flight):
+    for index, future in futures_as_completed(function, items, executor.submit, in_flight):
         yield index, future.result()
 
 
 def futures_as_completed(
-    function: Callable[[Item], Result], items: Iterable[Item], executor: Executor, in_flight: int
+    function: Callable[[Item], Result], items: Iterable[Item], submit: Callable[..., Future[Result]], in_flight: int
 ) -> Iterator[tuple[int, Future[Result]]]:
     """Pairs (index of the item, its future) as each completes; a future may hold an exception, and the others continue.
 
-    `in_flight` bounds them as in `map_as_completed`.
+    `submit` is that of an executor; `in_flight` bounds them as in `map_as_completed`.
     """
     coming = enumerate(items)
     index_of: dict[Future[Result], int] = {}
     try:
         while True:
             for index, item in islice(coming, in_flight - len(index_of)):
-                index_of[executor.submit(function, item)] = index
+                index_of[submit(function, item)] = index
             if not index_of:
                 return
             for future in wait(index_of, return_when=FIRST_COMPLETED).done:

@@ -33,31 +33,6 @@ class StaticTransform:
             if not name or not is_one_line(name) or set(name) & _FORBIDDEN:
                 raise CalibError(f"{name!r} is no name of a frame; letters, digits, _ and / are needed")
 
-    @property
-    def xyz_m(self) -> tuple[float, ...]:
-        """Place (3,) of the child's origin, metres."""
-        return tuple(float(value) + 0.0 for value in np.round(self.parent_T_child[:3, 3] / 1000.0, 9))
-
-    @property
-    def xyzw(self) -> tuple[float, ...]:
-        """Unit quaternion x, y, z, w (4,)."""
-        w, x, y, z = quaternion_from_rotation(self.parent_T_child[:3, :3][None])[0]
-        return tuple(float(value) + 0.0 for value in np.round([x, y, z, w], 12))
-
-    @property
-    def command(self) -> str:
-        """Command that publishes it in ROS 2."""
-        numbers = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), (*self.xyz_m, *self.xyzw), strict=True)
-        words = " ".join(f"--{name} {value!r}" for name, value in numbers)
-        names = f"--frame-id {self.parent} --child-frame-id {self.child}"
-        return f"ros2 run tf2_ros static_transform_publisher {words} {names}"
-
-    @property
-    def covariance_m(self) -> Array:
-        """Covariance (6, 6) in m and rad, in the order x, y, z and turns about x, y, z."""
-        scale = np.repeat([1e-3, 1.0], 3)
-        return self.covariance * np.outer(scale, scale)
-
 
 def transform_text(path: Path, transforms: Sequence[StaticTransform]) -> str:
     """Text of a YAML file with transforms. Raises CalibError for another suffix."""
@@ -67,13 +42,20 @@ def transform_text(path: Path, transforms: Sequence[StaticTransform]) -> str:
 
 
 def _yaml(one: StaticTransform) -> str:
-    """A geometry_msgs/TransformStamped as `ros2 topic pub` takes it, and what is known of its error."""
+    """A geometry_msgs/TransformStamped as `ros2 topic pub` takes it, and what is known of its error.
+
+    Its first line is the command that publishes it in ROS 2.
+    """
+    wxyz = quaternion_from_rotation(one.parent_T_child[:3, :3][None])[0]
+    told = [*np.round(one.parent_T_child[:3, 3] / 1000.0, 9), *np.round(np.roll(wxyz, -1), 12)]
+    x, y, z, qx, qy, qz, qw = numbers = [float(value) + 0.0 for value in told]  # no -0.0
+    names = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), numbers, strict=True)
+    words = " ".join(f"--{name} {value!r}" for name, value in names)
     sigma = np.sqrt(np.diag(one.covariance))  # with a point in each number: YAML 1.1 takes 1e-10 for a word
-    x, y, z = one.xyz_m
-    qx, qy, qz, qw = one.xyzw
-    covariance = ", ".join(f"{value:.6e}" for value in one.covariance_m.ravel())
+    in_m = np.repeat([1e-3, 1.0], 3)
+    covariance = ", ".join(f"{value:.6e}" for value in (one.covariance * np.outer(in_m, in_m)).ravel())
     return (
-        f"# {one.command}\n"
+        f"# ros2 run tf2_ros static_transform_publisher {words} --frame-id {one.parent} --child-frame-id {one.child}\n"
         f"header:\n  frame_id: {one.parent}\nchild_frame_id: {one.child}\n"
         f"transform:\n  translation: {{x: {x:.9f}, y: {y:.9f}, z: {z:.9f}}}\n"
         f"  rotation: {{x: {qx:.12f}, y: {qy:.12f}, z: {qz:.12f}, w: {qw:.12f}}}\n"

@@ -111,7 +111,7 @@ def found_lens(views: Sequence[View], size_px: tuple[int, int]) -> Lens:
         frames.make_transform(cv2.Rodrigues(turn)[0], shift.ravel()) for turn, shift in zip(turns, shifts, strict=True)
     )
     poses = [pose_of_view(lens, view, start) for view, start in zip(views, starts, strict=True)]
-    information = lens_equations(poses, free)[0]
+    information = lens_information(poses, free)
     scale = np.sqrt(np.diag(information))
     shaped = information / np.outer(scale, scale)
     if not np.linalg.eigvalsh(shaped)[0] > _LEAST_SHARE:
@@ -124,15 +124,14 @@ def found_lens(views: Sequence[View], size_px: tuple[int, int]) -> Lens:
     return replace(lens, covariance=covariance)
 
 
-def lens_equations(poses: Sequence[ViewPose], free: Sequence[int]) -> tuple[Array, Array]:
-    """Normal equations (K, K), (K,) of some of a lens's numbers, the poses of the views eliminated, squared pixels."""
-    information, right = np.zeros((len(free), len(free))), np.zeros(len(free))
+def lens_information(poses: Sequence[ViewPose], free: Sequence[int]) -> Array:
+    """Information (K, K) on some of a lens's numbers, the poses of the views eliminated, per squared pixel of noise."""
+    information = np.zeros((len(free), len(free)))
     for one in poses:
         flat, by_free = one.pixels_by_pose, one.pixels_by_lens[:, list(free)]
         apart = by_free - flat @ np.linalg.lstsq(flat, by_free, rcond=None)[0]
         information += apart.T @ apart
-        right += apart.T @ one.error_px.ravel()
-    return information, right
+    return information
 
 
 def covariance_of(pose: ViewPose, sigma_px: float) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,30 +30,22 @@ def discover(folder: Path) -> Discovered:
         what = "is a file" if folder.is_file() else "no such folder"
         raise DatasetError(f"{folder}: {what}; give a folder that holds datasets")
     datasets: list[str] = []
-    failures: list[Failure] = []
-    for path, reason in _walk(folder):
-        if reason:
-            failures.append(Failure(path, reason))
-        else:
-            datasets.append(path)
+    seen: set[str] = set()
+    refused: list[OSError] = []
+    for place, below, files in os.walk(folder, followlinks=True, onerror=refused.append):
+        real, is_dataset = os.path.realpath(place), "dataset.toml" in files
+        if is_dataset and real not in seen:
+            datasets.append(Path(place).relative_to(folder).as_posix())
+        below[:] = [] if is_dataset or real in seen else sorted(name for name in below if not name.startswith("."))
+        seen.add(real)
+    failures = [
+        Failure(
+            Path(error.filename).relative_to(folder).as_posix(), f"cannot be looked into ({error.strerror or error})"
+        )
+        for error in refused
+    ]
     if not datasets and not failures:
         raise DatasetError(f"{folder}: found no dataset.toml here nor below; a dataset folder has one")
     if not datasets and failures[0].path == ".":
         raise DatasetError(f"{folder}: {failures[0].reason}")
     return Discovered(folder, tuple(sorted(datasets)), tuple(sorted(failures, key=lambda f: f.path)))
-
-
-def _walk(folder: Path) -> Iterator[tuple[str, str]]:
-    """Pairs of path and reason: each dataset with reason "", each folder that cannot be listed with the reason."""
-    seen: set[str] = set()
-    refused: list[OSError] = []
-    for place, below, files in os.walk(folder, followlinks=True, onerror=refused.append):
-        path, real = Path(place).relative_to(folder), os.path.realpath(place)
-        if "dataset.toml" in files and real not in seen:
-            yield path.as_posix(), ""
-        is_end = real in seen or "dataset.toml" in files
-        below[:] = [] if is_end else sorted(name for name in below if not name.startswith("."))
-        seen.add(real)
-    for error in refused:
-        path = Path(error.filename).relative_to(folder)
-        yield path.as_posix(), f"cannot be looked into ({error.strerror or error})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -13,7 +13,6 @@ import numpy as np
 from calib.api.validation import check
 from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
-from calib.dataset.dataset import Points
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.causes import main_value, moved_mm
@@ -44,11 +43,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Judged:
-    """Result of processing one dataset: its row of the table, with key, found points and duration."""
+    """Result of processing one dataset: its row of the table, with key and duration."""
 
     key: str  # hash of the files and versions that the row depends on
     row: Row
-    found: Points | None  # where the dataset has scans
     seconds: float
 
 
@@ -62,7 +60,8 @@ def judge(task: Task) -> Judged | None:
     """Row of the fleet's table for one dataset; None where that of an earlier run is still valid."""
     started = perf_counter()
     dataset = load_dataset(Path(task.folder) / task.path)
-    key = key_of({"files": dict(sorted(fingerprint(dataset).items())), "versions": versions()})
+    depends_on = {"files": dict(sorted(fingerprint(dataset).items())), "versions": versions()}
+    key = hashlib.sha256(to_json(depends_on).encode()).hexdigest()
     if key == task.known:
         return None
     searches = None
@@ -70,8 +69,7 @@ def judge(task: Task) -> Judged | None:
         searches = find_targets(dataset, intermediate=False)
         require_corners(dataset, searches)
     checked = check(dataset, searches)
-    found = None if searches is None else checked.dataset.points
-    return Judged(key, row_of(task.path, checked, failed_searches(searches or {})), found, perf_counter() - started)
+    return Judged(key, row_of(task.path, checked, failed_searches(searches or {})), perf_counter() - started)
 
 
 def row_of(path: str, checked: Check, without_corner: Iterable[str] = ()) -> Row:
@@ -146,11 +144,3 @@ def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
             )
         )  # fmt: skip
     return tuple(sorted(out, key=lambda size: (size.effect, size.joint or 0, size.parameter)))
-
-
-# ---- keys -----------------------------------------------------------------------------------------------------------
-
-
-def key_of(document: Mapping[str, object]) -> str:
-    """Hash of a document."""
-    return hashlib.sha256(to_json(document).encode()).hexdigest()

@@ -1,11 +1,10 @@
-"""The result of a fleet: rows, changes of arms, shared causes, and failures."""
+"""The result of a fleet: rows, shared causes, and failures."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.extras.fleet.drift import Drift
 from calib.extras.fleet.row import Failure, Row
 from calib.extras.fleet.shared_causes import SharedCause
 from calib.presented import Presented
@@ -13,20 +12,14 @@ from calib.presented import Presented
 
 @dataclass(frozen=True)
 class Fleet(Presented):
-    """Rows of all datasets below a folder, in the order of their paths, with drifts, shared causes and failures."""
+    """Rows of all datasets below a folder, in the order of their paths, with shared causes and failures."""
 
     folder: Path
     rows: tuple[Row, ...]
     failures: tuple[Failure, ...]  # datasets without a row, and folders that could not be looked into
-    drifts: tuple[Drift, ...]
     shared: tuple[SharedCause, ...]
     taken_over: int  # number of rows of an earlier run, whose files have not changed
     seconds: float  # sum over the datasets, on all workers
-
-    @property
-    def drifted(self) -> tuple[Drift, ...]:
-        """Pairs of datasets between which the arm itself changed."""
-        return tuple(drift for drift in self.drifts if drift.of_the_arm)
 
     def worst(self, count: int = 10) -> tuple[Row, ...]:
         """Rows of the datasets with the largest error of the last model."""

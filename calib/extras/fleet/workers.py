@@ -15,7 +15,7 @@ import os
 import platform
 import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -33,38 +33,28 @@ CONNECT_S = 10.0  # longest time that a scheduler may take to answer
 
 @dataclass(frozen=True)
 class Workers:
-    """Executor of a fleet's tasks, and number of tasks at the same time."""
+    """Who does a fleet's tasks: the `submit` of an executor, and number of tasks at the same time."""
 
-    executor: Executor = field(default_factory=lambda: ThreadPoolExecutor(1))  # by default this process
+    submit: Callable[..., Future[Any]] = field(default_factory=lambda: ThreadPoolExecutor(1).submit)  # this process
     count: int = 1
-
-
-class _Limited(Executor):
-    """Executor by a function that submits one task, with a limit of time, and gives its future."""
-
-    def __init__(self, start: Callable[[Callable[..., Any], tuple[Any, ...]], Future[Any]]) -> None:
-        self._start = start
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
-        return self._start(fn, args)
 
 
 @contextmanager
 def local_workers(count: int, limit_s: float) -> Iterator[Workers]:
-    """Executor of `count` processes on this machine; whatever dies or takes too long is replaced."""
+    """Processes on this machine, `count` of them; whatever dies or takes too long is replaced."""
     import pebble
 
     spawn = multiprocessing.get_context("spawn")
     pools: list[Any] = []
 
-    def start(fn: Callable[..., Any], args: tuple[Any, ...]) -> Future[Any]:
+    def submit(fn: Callable[..., Any], *args: Any) -> Future[Any]:
         if not pools or not pools[-1].active:  # a process that dies before it has a task ends its pool
             pools.append(pebble.ProcessPool(count, context=spawn, initializer=_begin))
         future: Future[Any] = pools[-1].schedule(fn, args, timeout=limit_s)
         return future
 
     try:
-        yield Workers(_Limited(start), count)
+        yield Workers(submit, count)
     finally:
         for pool in pools:
             pool.stop()  # in the middle of what was not waited for
@@ -79,7 +69,7 @@ def _begin() -> None:
 
 @contextmanager
 def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Workers]:
-    """Executor of the workers of a Dask cluster that is running already; a task that takes too long is cancelled.
+    """Workers of a Dask cluster that is running already; a task that takes too long is cancelled.
 
     Raises CalibError where there is none at the address, where it has no workers, and where one of them has another
     version of this program or does not see the folder.
@@ -101,7 +91,7 @@ def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Work
                 raise CalibError(f"--scheduler {address}: worker {worker}: {fault}")
         of_dask = client.get_executor(pure=False)  # a pure task would not run again
 
-        def start(fn: Callable[..., Any], args: tuple[Any, ...]) -> Future[Any]:
+        def submit(fn: Callable[..., Any], *args: Any) -> Future[Any]:
             future: Future[Any] = of_dask.submit(fn, *args)
             timer = Timer(limit_s, future.cancel)
             timer.daemon = True
@@ -109,7 +99,7 @@ def cluster_workers(address: str, folder: Path, limit_s: float) -> Iterator[Work
             future.add_done_callback(lambda _: timer.cancel())
             return future
 
-        yield Workers(_Limited(start), sum(threads.values()))
+        yield Workers(submit, sum(threads.values()))
 
 
 def fault_of_worker(folder: str, needed: dict[str, str]) -> str:

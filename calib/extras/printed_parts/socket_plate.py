@@ -55,14 +55,9 @@ class SocketPlate:
         require_size("length of the plate", length, 0.0)
 
     @property
-    def contact_mm(self) -> float:
-        """Distance of the points of contact from a socket's axis."""
-        return self.ball_mm / math.sqrt(8)
-
-    @property
     def rim_mm(self) -> float:
-        """Radius rho of a socket's rim."""
-        return self.contact_mm + _BEYOND_CONTACT_MM
+        """Radius rho of a socket's rim, beyond the circle on which the ball rests."""
+        return self.ball_mm / math.sqrt(8) + _BEYOND_CONTACT_MM
 
     @property
     def centre_height_mm(self) -> float:

@@ -160,23 +160,16 @@ class PairQuestion(OptimalityCriterion):
     owner: IndexArray  # (K,) number of the candidate that has each parameter; -1 of instrument and tool
 
     @classmethod
-    def of(cls, rows: Array, owner: IndexArray, causes: Array) -> PairQuestion:
-        """The criterion of pairs with rows (C, 3, K), and causes (T, P) by the last P parameters."""
-        k = len(owner)
+    def of(cls, differences: Differences, candidates: Sequence[PairCandidate], causes: Array) -> PairQuestion:
+        """The criterion whose pairs are the places of given differences, for causes (T, P) by the last P parameters."""
+        columns = np.concatenate([differences.nuisance, *(c.columns for c in candidates)], axis=1)
+        cell = np.repeat(differences.cell, 3)
+        rows = np.stack([columns[cell == k] for k in range(int(cell.max()) + 1)])
+        widths = [differences.nuisance.shape[1], *(c.columns.shape[1] for c in candidates)]
+        owner, k = np.repeat(np.arange(-1, len(candidates)), widths), columns.shape[1]
         combinations = np.zeros((k, len(causes)))
         combinations[k - causes.shape[1] :] = causes.T
         return cls(rows=rows, prior_information=np.zeros((k, k)), target_combinations=combinations, owner=owner)
-
-    @classmethod
-    def of_differences(
-        cls, differences: Differences, candidates: Sequence[PairCandidate], causes: Array
-    ) -> PairQuestion:
-        """The criterion whose pairs are the places of given differences."""
-        columns = np.concatenate([differences.nuisance, *(c.columns for c in candidates)], axis=1)
-        cell = np.repeat(differences.cell, 3)
-        rows = [columns[cell == k] for k in range(int(cell.max()) + 1)]
-        widths = [differences.nuisance.shape[1], *(c.columns.shape[1] for c in candidates)]
-        return cls.of(np.stack(rows), np.repeat(np.arange(-1, len(candidates)), widths), causes)
 
     def log_value(self, information: Array) -> float:
         """Log of the criterion for an information matrix (K, K)."""
@@ -243,7 +236,7 @@ class MeasuredPairs:
         shown = [cause for cause in causes if cause.any()]
         if not shown:
             return None
-        return PairQuestion.of_differences(self.differences, self.candidates, np.array(shown)), len(shown) / len(drawn)
+        return PairQuestion.of(self.differences, self.candidates, np.array(shown)), len(shown) / len(drawn)
 
     def settled_share(self, drawn: Sequence[DrawnCause], rng: np.random.Generator) -> float:
         """Share of drawn causes that are proven, and nothing else is, by these pairs measured with noise."""

@@ -45,9 +45,9 @@ class TargetMove:
     target: ProgramTarget
     row: int | None  # in the correction; None where the target's joints are not known
     reached: bool  # otherwise the program keeps its numbers
-    moved_mm: float  # of the commanded tool point; nan where not reached
-    moved_deg: float  # of the commanded tool
-    uncorrected_mm: float  # error of the calibrated arm without correction; nan where unknown
+    moved_mm: float = np.nan  # of the commanded tool point; nan where not reached
+    moved_deg: float = np.nan  # of the commanded tool
+    uncorrected_mm: float = np.nan  # error of the calibrated arm without correction; nan where unknown
     reason: str = ""  # why it is not reached
     posture: str = ""  # what told the posture of a pose: the configuration, qnear, the name of the target before it
 
@@ -136,7 +136,7 @@ def corrected_program(
     row = -1
     for k, each in enumerate(known):
         if each.q is None:
-            moves.append(TargetMove(each.target, None, False, np.nan, np.nan, np.nan, each.reason))
+            moves.append(TargetMove(each.target, None, False, reason=each.reason))
             continue
         row += 1
         reached = bool(correction.reached[row])

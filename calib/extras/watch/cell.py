@@ -16,6 +16,7 @@ from calib.extras.watch.change_models import (
     LARGEST_BY_UNIT,
     NOISE,
     SCANNER,
+    Change,
     ChangeModel,
     over_time,
 )
@@ -32,7 +33,6 @@ from calib.extras.watch.change_tests import (
 )
 from calib.extras.watch.check_points import CheckPoints, Expectation
 from calib.statistics import rms_length
-from calib.validation.cell_changes import Change
 
 MAX_ARM_CHANGES = 3  # most changes of the arm that are named
 _HIDDEN = 10.0  # times the RMSE, by which a change has to move the points to be refused where it is large

@@ -25,6 +25,21 @@ LARGEST_BY_UNIT = {"mm": 50.0, "rad": np.radians(10.0), "rad/Nm": 1e-3, "mm/N": 
 """Size of a change, by its unit, from which the points have to move as it says: no part changes so much unseen."""
 
 
+@dataclass(frozen=True)
+class Change:
+    """Estimate of one change of a cell, with its sigma and p-value."""
+
+    what: str
+    joint: int | None
+    parameter: str
+    size: float  # norm of `vector` where there is one
+    sigma: float
+    unit: str
+    p_value: float
+    as_well: tuple[str, ...]  # labels of changes that are confounded with this one at these poses
+    vector: tuple[float, ...] = ()  # shift of the tool, tool frame, mm; shift (mm) and rotation (rad) of the scanner
+
+
 @dataclass(frozen=True, eq=False)
 class ChangeModel:
     """Linear model of one possible change of a cell: the motion of the measured points by K numbers."""

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.extras.watch.change_models import LARGEST_BY_UNIT, USUAL, ChangeModel, change_label
+from calib.extras.watch.change_models import LARGEST_BY_UNIT, USUAL, Change, ChangeModel, change_label
 from calib.extras.watch.spread import Spread
 from calib.statistics import f_sf
-from calib.validation.cell_changes import Change
 
 ALARM = 0.005  # p-value over all changes, below which something changed
 NOISIER = 0.0005  # p-value below which the noise is larger than before
@@ -160,13 +159,10 @@ class ChangeTests:
         columns = self.rows(model)
         whole = np.linalg.norm(model.columns) / np.sqrt(len(model.columns))
         s = np.linalg.svd(columns, compute_uv=False)
-        if s[-1] < 1e-3 * max(float(s[0]), 1e-300) or s[0] < 1e-9:
+        size = DETECTABLE_Z / max(float(s[-1]), 1e-300)
+        if s[-1] < 1e-3 * s[0] or s[0] < 1e-9 or size > LARGEST_BY_UNIT[model.unit]:
             return Detectable(*model.key, None, model.unit, None)
-        size = DETECTABLE_Z / float(s[-1])
-        if size > LARGEST_BY_UNIT[model.unit]:
-            return Detectable(*model.key, None, model.unit, None)
-        moves_mm = float(size * whole / np.sqrt(model.count))
-        return Detectable(*model.key, float(size), model.unit, moves_mm)
+        return Detectable(*model.key, size, model.unit, float(size * whole / np.sqrt(model.count)))
 
 
 def weight(model: ChangeModel) -> float:
@@ -176,6 +172,5 @@ def weight(model: ChangeModel) -> float:
 
 def family_wise_p_value(tests: Sequence[ChangeTest]) -> float:
     """Bound of the probability, if nothing changed, of a test as significant as the most significant of several."""
-    weights = [weight(test.model) for test in tests]
-    least = min((test.p_value / share for test, share in zip(tests, weights, strict=True)), default=1.0)
-    return min(1.0, least * sum(weights))
+    least = min((test.p_value / weight(test.model) for test in tests), default=1.0)
+    return min(1.0, least * sum(weight(test.model) for test in tests))

@@ -2,7 +2,6 @@
 
 from calib.planning.purpose import PlanPurpose
 from calib.plugins import Presentations, PublicNames
-from calib.validation.cell_changes import ChangeTest
 
 WATCH = "watch"
 CHECK_POSES = 8
@@ -10,7 +9,6 @@ CHECK_POSES = 8
 CONTRIBUTIONS = (
     PublicNames("calib.extras.watch.watch", ("ChangeReport", "watch")),
     Presentations(("calib.extras.watch.present.changes", "calib.extras.watch.present.check_poses")),
-    ChangeTest("calib.extras.watch.watch:changes_since", "calib.extras.watch.present.changes:change_phrase"),
     PlanPurpose(
         WATCH,
         "check poses that show a change",

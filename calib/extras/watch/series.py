@@ -18,13 +18,12 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.extras.watch.cell import CellTests
-from calib.extras.watch.change_models import DRIFT, LARGEST_BY_UNIT, SCANNER, STEP, ChangeModel, change_label
+from calib.extras.watch.change_models import DRIFT, LARGEST_BY_UNIT, SCANNER, STEP, Change, ChangeModel, change_label
 from calib.extras.watch.change_tests import ALARM, ALONE, CONFOUNDED, NAMED, family_wise_p_value, most_likely
 from calib.extras.watch.watch import ChangeReport, report_of
 from calib.presented import Presented
 from calib.screening.blunders import without_blunders
 from calib.statistics import rms
-from calib.validation.cell_changes import Change
 
 FEWEST_CHECKS = 3
 _DAY_S = 86400.0
@@ -37,9 +36,9 @@ class TimeLeft:
 
     tolerance_mm: float
     now_mm: float  # RMS, 3D, of change and promise, without noise
-    likely: float | None
-    earliest: float | None  # 90 % interval
-    latest: float | None
+    likely: float | None = None
+    earliest: float | None = None  # 90 % interval
+    latest: float | None = None
 
 
 @dataclass(frozen=True)
@@ -153,10 +152,10 @@ def _time_left(
     colour = np.concatenate([check.colour for check in tests.checks])
     promised_mm = tests.fixed.spread.shared_mm(colour) if tests.scanner_known else 0.0
     if model is None or change is None or model.what == SCANNER:
-        return TimeLeft(tolerance_mm, promised_mm, None, None, None)
+        return TimeLeft(tolerance_mm, promised_mm)
     moved_mm = model.moves_mm(np.array(change.vector or (change.size,)))
     if model.course != DRIFT:
-        return TimeLeft(tolerance_mm, float(np.hypot(promised_mm, moved_mm)), None, None, None)
+        return TimeLeft(tolerance_mm, float(np.hypot(promised_mm, moved_mm)))
     per_time_mm = moved_mm / rms(np.repeat(times, [len(check.at_mm) for check in tests.checks]))
     left_mm = float(np.sqrt(max(tolerance_mm**2 - promised_mm**2, 0.0)))
     rates_mm = (per_time_mm * (1.0 + sigmas * change.sigma / abs(change.size)) for sigmas in (0.0, _Z_95, -_Z_95))

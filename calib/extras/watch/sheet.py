@@ -23,9 +23,9 @@ from calib.consistency.hypotheses import (
 from calib.consistency.joint_reading import simple_readings
 from calib.consistency.row_matching import matched_rows
 from calib.dataset.dataset import Dataset
+from calib.extras.watch.change_models import Change
 from calib.extras.watch.check_points import CheckPoints
 from calib.statistics import rms_length
-from calib.validation.cell_changes import Change
 
 POSE_ORDER = "pose_order"
 _FALLS_TO = 0.1  # share of the error that may remain: no change of an arm looks like another sheet

@@ -21,14 +21,13 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import as_dataset
 from calib.errors import FitError
 from calib.extras.watch.cell import CellTests
-from calib.extras.watch.change_models import BASE, SCANNER
+from calib.extras.watch.change_models import BASE, SCANNER, Change
 from calib.extras.watch.change_tests import ALARM, Detectable
 from calib.extras.watch.sheet import change_of, sheet_problem
 from calib.measurement.measured_dataset import measured
 from calib.presented import Presented
 from calib.screening.blunders import without_blunders
 from calib.statistics import axis_sigma
-from calib.validation.cell_changes import CellChanges, Change
 
 
 @dataclass(frozen=True)
@@ -116,10 +115,3 @@ def report_of(base: Calibration, new: Dataset) -> ChangeReport:
         set_up_anew_mm=None if earlier is None else check.elsewhere_mm(earlier),
         times_noise=times_declared_noise(base),
     )
-
-
-def changes_since(calibration: Calibration, later: Dataset) -> CellChanges:
-    """Changes of a cell between a calibration and a later dataset, as other rooms take them."""
-    report = report_of(without_blunders(calibration), measured(later))
-    problem = "" if report.data_problem is None else report.data_problem.warning
-    return CellChanges(report.verdict, report.changes, report.rmse_mm, report.expected_mm, report.poses, problem)

@@ -30,7 +30,7 @@ class PoolOptions(WithResidual, Output):
 
 @dataclass(frozen=True, kw_only=True)
 class FleetOptions(Output):
-    """Hundreds of datasets: a table and a page of which arms drifted and which causes they share."""
+    """Hundreds of datasets: a table and a page of how good each arm is and which causes arms share."""
 
     path: Path = argument("folder with datasets, however deep")
     out: Path = option(

@@ -10,14 +10,13 @@ import pytest
 from calib import calibrate
 from calib.dataset.dataset import Dataset, Scanner
 from calib.extras.watch.cell import CellTests
-from calib.extras.watch.change_models import TOOL, ChangeModel
+from calib.extras.watch.change_models import TOOL, Change, ChangeModel
 from calib.extras.watch.misfit import Misfit
 from calib.extras.watch.present.changes import change_verdict
 from calib.extras.watch.watch import watch
 from calib.fitting.discrepancy import Discrepancy
 from calib.rendering.text import block_text
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.cell_changes import Change
 
 
 @pytest.fixture(scope="module")

@@ -413,20 +413,20 @@ def _with_noise_of_fit(
             sigma_mm=given.point_sigma_mm,
         )  # fmt: skip
         given = replace(given, covariance=noise.covariance, shared=noise.shared)
-    if noise is None:
-        return replace(
-            given, point_sigma_mm=given.point_sigma_mm or float(unit[0]), orientation_sigma_deg=np.degrees(unit[3])
-        )
-    if noise.step.any():
+    sigma_mm, sigma_rad = unit[0], unit[3]
+    if noise is not None:
+        sigma_mm, sigma_rad = np.sqrt(noise.variances.reshape(2, 2) @ [2.0, 1.0] / 3.0)
+    if noise is not None and noise.step.any():
         doubt = (
             f"errors of successive poses add up, by {noise.step[0]:.2g} mm and {np.degrees(noise.step[1]):.3f}° from "
             "one to the next: board or camera creeps or was bumped, or the clocks of arm and camera differ; the "
             "camera's place allows for it, and is the better for poses in mixed order, measured standing"
         )
         given = replace(given, doubts=(*given.doubts, doubt))
-    sigma_mm, sigma_rad = np.sqrt(noise.variances.reshape(2, 2) @ [2.0, 1.0] / 3.0).tolist()
     return replace(
-        given, point_sigma_mm=given.point_sigma_mm or sigma_mm, orientation_sigma_deg=float(np.degrees(sigma_rad))
+        given,
+        point_sigma_mm=given.point_sigma_mm or float(sigma_mm),
+        orientation_sigma_deg=float(np.degrees(sigma_rad)),
     )
 
 

@@ -1,4 +1,4 @@
-"""Presentation of a fleet: shared causes, arms that changed, worst datasets, failures, and a row per dataset."""
+"""Presentation of a fleet: shared causes, worst datasets, failures, and a row per dataset."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from calib.extras.fleet.drift import Drift, change_test
 from calib.extras.fleet.result import Fleet
 from calib.extras.fleet.row import Row
 from calib.extras.fleet.shared_causes import Group, SharedCause
-from calib.plugins import load
 from calib.present.results import document, keys_of, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (
@@ -31,14 +29,9 @@ METHOD = (
     "A cause is an effect on one joint that an arm's diagnosis claims, or finds likely with a probability of a half or "
     "more, on average of the arm's datasets; joints that move the measured points by less than a quarter of what the "
     "largest of that effect does are left aside. It is listed from three arms on. Its arms are compared for each site, "
-    "each further key of [about] with the rest of the arms of that model by Fisher's exact test, one-sided; the range "
-    "of serial numbers and the range of dates in which the cause is most frequent with those where it is dealt out at "
-    "random (permutations, Kolmogorov and Smirnov). All tests of the fleet are corrected together (Holm), and groups "
-    "below p = 0.05 are listed. A group that stands out is a place to look, not a proof: arms of one site often have "
-    "one gear batch and neighbouring numbers too.",
-    "Each dataset is compared with the last calibration of the same serial number and of an earlier date, as inspector "
-    "watch does: the earlier calibration predicts the later points. What a moved scanner, a moved base or more noise "
-    "explains is not blamed on the arm.",
+    "each further key of [about] with the rest of the arms of that model by Fisher's exact test, one-sided. All tests "
+    "of the fleet are corrected together (Holm), and groups below p = 0.05 are listed. A group that stands out is a "
+    "place to look, not a proof: arms of one site often have one gear batch too.",
 )
 _ARMS, _ROBOTS = 20, 3  # that are named of a cause, and at the head
 Naming = Callable[[str], Span]  # a dataset's path -> what stands for it, such as a link
@@ -49,7 +42,6 @@ def fleet_presentation(fleet: Fleet, name: Naming = str, *more: Section) -> Pres
     """Presentation of a fleet, in which `name` stands for a path, with further sections."""
     sections = [
         Section("Causes that arms share", _causes(fleet), brief=True),
-        Section("Arms that changed", _drifts(fleet, name), brief=True),
         Section("The worst", [_datasets(fleet.worst(), name)], brief=True),
         *([Section("Without a result", [_failures(fleet, name)], brief=True)] if fleet.failures else []),
         Section("All datasets", [_datasets(fleet.rows, name)]),
@@ -84,8 +76,6 @@ def _in_short(fleet: Fleet) -> Verdict:
         found.append(
             f"{numbers.count(len(batches), 'cause')} with arms in common, most of all {cause_phrase(batches[0])}"
         )
-    if fleet.drifted:
-        found.append(f"{numbers.count(len(fleet.drifted), 'change')} of an arm between two datasets")
     if odd := sum(row.verdict == "unexplained" for row in fleet.rows):
         found.append(f"{numbers.count(odd, 'dataset')} unexplained")
     if fleet.failures:
@@ -134,37 +124,6 @@ def _causes(fleet: Fleet) -> list[Block]:
     return [Table(headers, rows, left=(0, 1, 4, 5), caption=caption)]
 
 
-# ---- arms that changed ----------------------------------------------------------------------------------------------
-
-
-def drift_phrases(drift: Drift) -> str:
-    """Phrases on what changed between two datasets of an arm, or on why that is unknown."""
-    test = change_test()
-    phrases = [] if test is None else map(load(test.phrase), drift.changes)
-    return drift.reason or "; ".join(phrases) or drift.verdict
-
-
-def _drifts(fleet: Fleet, name: Naming) -> list[Block]:
-    if not fleet.drifts and change_test() is None:
-        return [Paragraph("Datasets of one arm are not compared: what tests for changes (watch) is not installed.")]
-    if not fleet.drifts:
-        return [Paragraph("No arm has two datasets with its serial number and different dates in [about].")]
-    rows, of_path = [], {row.path: row for row in fleet.rows}
-    for drift in sorted(fleet.drifts, key=lambda drift: not drift.of_the_arm):
-        if drift.verdict != "unchanged":
-            base, later = of_path[drift.base], of_path[drift.later]
-            blamed = "yes" if drift.of_the_arm else "no, or unclear"
-            off = numbers.column_mm(drift.rmse_mm)
-            rows.append((later.serial, base.date, later.date, name(drift.later), off, blamed, drift_phrases(drift)))
-    headers = ("arm", "from", "to", "dataset", "off by, mm", "the arm itself", "what changed")
-    same = sum(drift.verdict == "unchanged" for drift in fleet.drifts)
-    return [
-        *([] if fleet.drifted else [Paragraph("None of the arms changed.")]),
-        *([Table(headers, rows, left=(0, 1, 2, 3, 5, 6))] if rows else []),
-        Paragraph(f"{numbers.count(same, 'pair')} of datasets unchanged.", soft=True),
-    ]
-
-
 # ---- datasets -------------------------------------------------------------------------------------------------------
 
 
@@ -196,12 +155,6 @@ def _fleet_document(fleet: Fleet) -> dict[str, Any]:
         "folder": str(fleet.folder),
         "datasets": len(fleet.rows) + len(fleet.failures),
         "failed": fleet.failures,
-        "drift": [_drift_document(drift) for drift in fleet.drifts],
         "shared_causes": fleet.shared,
         "worst": [row.path for row in fleet.worst()],
     }
-
-
-def _drift_document(drift: Drift) -> dict[str, Any]:
-    told = keys_of(drift, "base", "later", "verdict", "changes", "rmse_mm", "of_the_arm")
-    return told | {"words": drift_phrases(drift)}

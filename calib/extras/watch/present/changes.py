@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from calib.extras.watch.change_models import BASE, DRIFT, NOISE, change_label
+from calib.extras.watch.change_models import BASE, DRIFT, NOISE, Change, change_label
 from calib.extras.watch.series import SeriesReport, WatchedCell
 from calib.extras.watch.watch import ChangeReport
 from calib.present.over_time.comparison import misfit_sentence, or_confounded
@@ -14,7 +14,6 @@ from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
 from calib.rendering.colours import DOUBT, GOOD, VERDICT_COLOURS
 from calib.rendering.text import block_text
-from calib.validation.cell_changes import Change
 
 _WHAT = {
     "joint_zero": "the zero",
@@ -73,25 +72,20 @@ def change_verdict(report: ChangeReport) -> list[Block]:
 
 
 def change_headline(report: ChangeReport) -> str:
-    """Sentence or two on what changed in a cell."""
-    phrases = "; ".join(change_phrases(report))
-    return change_sentence(report.name, report.verdict, phrases, report.poses, report.rmse_mm, report.expected_mm)
-
-
-def change_sentence(name: str, verdict: str, phrases: str, poses: int, rmse_mm: float, expected_mm: float) -> str:
-    """Sentence on what changed between two measurements of a cell, with the error of the later points."""
+    """Sentence or two on what changed in a cell, with the error of the check poses."""
+    phrases, told = "; ".join(change_phrases(report)), f"{report.name}: {report.verdict}."
     off = (
-        f"{poses} check poses are off by {numbers.length(rmse_mm)} RMS, where the noise and the earlier fit's "
-        f"uncertainty make {numbers.length(expected_mm)}"
+        f"{report.poses} check poses are off by {numbers.length(report.rmse_mm)} RMS, where the noise and the earlier "
+        f"fit's uncertainty make {numbers.length(report.expected_mm)}"
     )
-    if verdict == "unchanged":
-        return f"{name}: unchanged. {off}."
-    if not phrases:
-        return (
-            f"{name}: unclear. {off}, and no change that is tested explains it: check the rows of these poses, the "
-            "target, and that this is the same arm."
+    if phrases and report.verdict != "unchanged":
+        return f"{told} {numbers.capitalised(phrases)}. {off}."
+    if report.verdict == "unclear":
+        off += (
+            ", and no change that is tested explains it: check the rows of these poses, the target, and that this is "
+            "the same arm"
         )
-    return f"{name}: {verdict}. {numbers.capitalised(phrases)}. {off}."
+    return f"{told} {off}."
 
 
 def change_phrases(report: ChangeReport) -> tuple[str, ...]:
