@@ -63,9 +63,9 @@ POLAR = {
 }
 """Spellings of the angles and the distance by which total stations and trackers tell a point."""
 SERIES = (  # joints that some makers name and do not number
-    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
-    ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
-    ("s", "l", "u", "r", "b", "t"),
+    listed("base shoulder elbow wrist1 wrist2 wrist3"),
+    listed("shoulderpan shoulderlift elbow wrist1 wrist2 wrist3"),
+    listed("s l u r b t"),
 )
 AXES = {"easting": "x", "northing": "y", "elevation": "z"}  # of surveyors
 

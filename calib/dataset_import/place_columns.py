@@ -36,18 +36,18 @@ _FORMS = tuple(
     )
 )
 _NUMBERED = re.compile(r"(?P<stem>.*?)[\W_]*(?P<number>\d{1,9})\W?")
-_PLACES = (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"))
-_TURNS: dict[tuple[str, ...], tuple[str, ...]] = {  # () of forms: a quaternion, of the last in an order not told
-    ("rx", "ry", "rz"): ANY_FORM,
-    ("a", "b", "c"): (ZYX, ZYZ, FIXED, XYZ),
-    ("w", "p", "r"): (FIXED,),
-    ("o", "a", "t"): (ZYZ,),
-    ("roll", "pitch", "yaw"): (FIXED,),
-    ("rvecx", "rvecy", "rvecz"): (VECTOR,),
-    ("rotx", "roty", "rotz"): (VECTOR,),
-    ("r1", "r2", "r3"): ANY_FORM,
-    ("qw", "qx", "qy", "qz"): (),
-    ("q1", "q2", "q3", "q4"): (),
+_PLACES = ("x y z", "tx ty tz", "px py pz")
+_TURNS: dict[str, tuple[str, ...]] = {  # () of forms: a quaternion, of the last in an order not told
+    "rx ry rz": ANY_FORM,
+    "a b c": (ZYX, ZYZ, FIXED, XYZ),
+    "w p r": (FIXED,),
+    "o a t": (ZYZ,),
+    "roll pitch yaw": (FIXED,),
+    "rvecx rvecy rvecz": (VECTOR,),
+    "rotx roty rotz": (VECTOR,),
+    "r1 r2 r3": ANY_FORM,
+    "qw qx qy qz": (),
+    "q1 q2 q3 q4": (),
 }
 _ANGLES = ANGLES_RAD | {"gon": GON_RAD}
 _CIRCLES = (("rad", 2.0 * np.pi), ("deg", 360.0), ("gon", 400.0))
@@ -154,14 +154,14 @@ def pose_columns(names: Sequence[str]) -> PoseColumns | None:
         return PoseColumns(numbered[:3], numbered[3:], ANY_FORM)
     for before in dict.fromkeys(["", *(name[:-1] for name in by_name if name[-1:] == "x")]):
 
-        def found(wanted: Sequence[str], before: str = before) -> tuple[str, ...]:
-            each = [by_name.get(before + name, by_name.get(name, "")) for name in wanted]
+        def found(wanted: str, before: str = before) -> tuple[str, ...]:
+            each = [by_name.get(before + name, by_name.get(name, "")) for name in wanted.split()]
             return tuple(each) if all(each) else ()
 
         place = next(filter(None, map(found, _PLACES)), ())
         for turns, forms in _TURNS.items() if place else ():
             attitude = found(turns)
-            of_joints = turns[0] == "q1" and "q5" in by_name
+            of_joints = turns.startswith("q1") and "q5" in by_name
             if attitude and not of_joints and set(place).isdisjoint(attitude):
                 return PoseColumns(place, attitude, forms)
     matrices = (columns for columns in _numbered(names).values() if len(columns) in (12, 16))
@@ -181,7 +181,7 @@ def _matrix(by_name: Mapping[str, str]) -> PoseColumns | None:
             of_stem.setdefault(match[1], {})[int(match[2]), int(match[3])] = name
     for entries in of_stem.values():
         first = min(entries)[0]
-        place = next((each for each in _PLACES if all(axis in by_name for axis in each)), ())
+        place = next((each for each in map(str.split, _PLACES) if by_name.keys() >= set(each)), [])
         if len(entries) == 9 and place:
             entries |= {(first + k, first + 3): by_name[axis] for k, axis in enumerate(place)}
         size = len(entries) // 4

@@ -15,20 +15,20 @@ from calib.errors import CalibError
 from calib.plugins import contributions, load
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.robot_formats.robot_form import forms_of, rank_of
-from calib.text_files.column_names import ANGLES_RAD, plain, split_unit
+from calib.text_files.column_names import ANGLES_RAD, listed, plain, split_unit
 from calib.text_files.records import ARRAYS, RECORDS, SPREADSHEETS, YAML, sheets
 from calib.text_files.text_file import decoded
 from calib.text_files.user_table import UserTable, load_table, parse_table
 
 _MOST_FILES = 10_000
 _HEAD_BYTES = 16_384  # of a file, by which it is judged
-_TABLES = (".csv", ".tsv", ".txt", ".dat", ".src")
-_RECORD_EACH = (".json", ".yaml", ".txt", ".csv", ".dat", ".npz", ".npy")
+_TABLES = listed(".csv .tsv .txt .dat .src")
+_RECORD_EACH = listed(".json .yaml .txt .csv .dat .npz .npy")
 _RECORD_BYTES = 20_000  # of a file with one record, at the most
-_CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npy", ".npz", ".las", ".laz")
+_CLOUDS = listed(".ply .pcd .e57 .xyz .asc .pts .npy .npz .las .laz")
 _MESHES = (".stl", ".obj")  # scans where nothing else can be
 _MANY = 4  # texts of three numbers a line in one folder, which are scans then
-_ROBOT_COLUMNS = ({"theta", "d", "a", "alpha"}, {"wx", "wy", "wz"}, {"x", "y", "z", "roll", "pitch", "yaw"})
+_ROBOT_COLUMNS = ("theta d a alpha", "wx wy wz", "x y z roll pitch yaw")
 DATASET, ROBOT, JOINTS, POINTS, BOTH, SCAN, UNUSED = (
     "dataset", "robot", "joints", "points", "joints and points", "scan", "not used",
 )  # fmt: skip
@@ -232,7 +232,7 @@ def _are_names(names: Sequence[str]) -> bool:
 def _are_of_robot(names: Sequence[str]) -> bool:
     """Whether texts name the columns of a table of the robot."""
     plain_names = {plain(split_unit(name)[0]) for name in names}
-    return any(columns <= plain_names for columns in _ROBOT_COLUMNS)
+    return any(plain_names.issuperset(columns.split()) for columns in _ROBOT_COLUMNS)
 
 
 def _judged_table(path: Path, table: UserTable) -> UserFile:

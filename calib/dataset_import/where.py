@@ -29,9 +29,12 @@ from calib.text_files.user_table import UserTable, load_table
 _QUARTER_RAD = float(np.radians(1.0))  # from whole quarter turns, within which two frames are one and its axes' names
 _TABLES = (".csv", ".txt", ".tsv", ".xlsx", ".json")
 _WORDS = {
-    VECTOR: ("vector", "rotvec", "rvec"), FIXED: ("rpy", "wpr", "roll", "fanuc"), ZYX: ("abc", "kuka"),
-    ZYZ: ("oat", "kawasaki"), XYZ: ("staubli", "stäubli"),
-}  # fmt: skip
+    VECTOR: "vector rotvec rvec",
+    FIXED: "rpy wpr roll fanuc",
+    ZYX: "abc kuka",
+    ZYZ: "oat kawasaki",
+    XYZ: "staubli stäubli",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +195,7 @@ def _readings(row: UserTable) -> list[NamedFrame]:
         angle = next((f"_{word}" for word in words if word in ANGLES_RAD), "")
         units = dict.fromkeys(found.place, length) | dict.fromkeys(found.attitude, angle)
         row = replace(row, columns=tuple(f"{name}{units.get(name, '')}" for name in row.columns))
-    told = [form for form, names in _WORDS.items() if any(word in names for word in words)]
+    told = [form for form, names in _WORDS.items() if set(words).intersection(names.split())]
     name = texts[0] if texts else f"row {row.lines[0]}"
     readings = [
         NamedFrame(name, one.base_T_flange[0], one.form.partition(" are ")[2])

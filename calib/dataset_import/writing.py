@@ -30,9 +30,14 @@ from calib.text_files.column_names import LENGTHS_MM
 from calib.text_files.csv_text import rows_csv
 
 _WORDS = {
-    "reference": "reference", "ref": "reference", "train": "train", "training": "train", "calibration": "train",
-    "fit": "train", "test": "test", "testing": "test", "validation": "test", "verification": "test", "check": "test",
-}  # fmt: skip
+    word: role
+    for role, words in {
+        "reference": "reference ref",
+        "train": "train training calibration fit",
+        "test": "test testing validation verification check",
+    }.items()
+    for word in words.split()
+}
 MESH_FOLDER = "meshes"
 _ENOUGH = 25  # poses, so that some can be kept apart
 _EVERY = 4

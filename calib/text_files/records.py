@@ -20,11 +20,11 @@ import numpy as np
 
 from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.errors import DatasetError
-from calib.text_files.column_names import plain, split_unit
+from calib.text_files.column_names import listed, plain, split_unit
 from calib.text_files.csv_text import MOST_BYTES, MOST_CELLS, lines_of
 from calib.text_files.text_file import read_text
 
-SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+SPREADSHEETS = listed(".xlsx .xlsm .xlsb .xls .ods")
 ARRAYS = (".npz", ".npy")
 JSON_LINES = (".jsonl", ".ndjson")
 YAML = (".yaml", ".yml")
@@ -35,9 +35,9 @@ _MOST_ROWS = 200_000
 _MOST_YAML_BYTES = 20_000_000
 _FEWEST_CELLS = 3  # filled in a row of a table; titles above it have fewer
 _JOINTS = re.compile(r"(actual|measured|current|get)*(q|qpos|angles?|joints?(pos|positions?|angles?|states?|values?)?)")
-_END_IN_JOINTS = ("q", "joints", "jointpositions", "jointangles", "state", "qpos")  # behind what they are of
-_PLACES = ("position", "positions", "translation", "xyz", "point", "pos")  # names that tell nothing but a place
-_TURNS, _QUATERNION = ("orientation", "rotation", "quaternion", "quat"), ("w", "x", "y", "z")
+_END_IN_JOINTS = listed("q joints jointpositions jointangles state qpos")  # behind what they are of
+_PLACES = listed("position positions translation xyz point pos")  # names that tell nothing but a place
+_TURNS, _QUATERNION = listed("orientation rotation quaternion quat"), listed("w x y z")
 _NAMES = ("name", "names", "joint_names")
 _LIST = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
 _ENTRY = re.compile(r"([AE][1-6]|[XYZABC])\s+([-+.\dEe]+)")  # of a position of KUKA's

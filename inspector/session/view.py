@@ -16,16 +16,19 @@ from calib.targets.search import ScanSearch
 from inspector.session.session import Session
 
 RESIDUALS = RESIDUAL_KINDS
-VIEWS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Arm")
 VIEW_LAYERS = {
-    "All scans": {"overview", "scan", "faces", "corner", "corners", "scale"},
-    "Scan": {"scan", "faces", "corner", "scale"},
-    "Planes": {"faces", "sets", "rejected", "groups", "corner", "scale"},
-    "Corner": {"faces", "corner", "scale"},
-    "All corners": {"corner", "corners", "before", "residuals", "predicted", "scanner", "floor", "scale"},
-    "Distance": {"distance", "jig", "scale"},
-    "Arm": {"corners", "before", "residuals", "predicted", "arm", "scanner", "plan", "floor", "scale"},
+    view: set(layers.split())
+    for view, layers in {
+        "All scans": "overview scan faces corner corners scale",
+        "Scan": "scan faces corner scale",
+        "Planes": "faces sets rejected groups corner scale",
+        "Corner": "faces corner scale",
+        "All corners": "corner corners before residuals predicted scanner floor scale",
+        "Distance": "distance jig scale",
+        "Arm": "corners before residuals predicted arm scanner plan floor scale",
+    }.items()
 }
+VIEWS = tuple(VIEW_LAYERS)
 POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
 WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
 FRONT, SIDE, TOP, RESET = "Front", "Side", "Top", "Reset"
