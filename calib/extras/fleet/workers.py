@@ -27,7 +27,6 @@ from typing import Any
 import calib
 from calib.errors import CalibError
 
-PACKAGES = ("numpy", "scipy", "pandas")
 CONNECT_S = 10.0  # longest time that a scheduler may take to answer
 
 
@@ -119,5 +118,5 @@ def versions() -> dict[str, str]:
     root = Path(calib.__file__).parent
     for path in sorted(root.rglob("*.py")):
         digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    libraries = {name: version(name) for name in PACKAGES}
+    libraries = {name: version(name) for name in ("numpy", "scipy", "pandas")}
     return {"program": digest.hexdigest(), "python": platform.python_version(), **libraries}

@@ -51,8 +51,7 @@ class SocketPlate:
                 f"pitch: {self.pitch_mm:g} mm, but sockets for a ball of {self.ball_mm:g} mm are {wide_mm:.1f} mm "
                 f"wide and overlap; take {math.ceil(wide_mm + WALL_MM)} mm or more, or a smaller ball"
             )
-        length = self.pitch_mm * max(self.columns, self.rows) + 2 * _MARGIN_MM
-        require_size("length of the plate", length, 0.0)
+        require_size("length of the plate", self.pitch_mm * max(self.columns, self.rows) + 2 * _MARGIN_MM, 0.0)
 
     @property
     def rim_mm(self) -> float:

@@ -47,11 +47,10 @@ def campaign_head(campaign: Campaign, tolerance_mm: float | None = None) -> list
         ("doubtful", doubtful), ("to repeat", again), ("of no pose that poses.csv has (yet)", campaign.unknown)
     ):  # fmt: skip
         told += f"; {what}: {numbers.listing(numbers.first_of(names, _NAMES))}" if names else ""
-    sentences = outlook_sentences(campaign, tolerance_mm)
     return [
         Verdict(f"{told}.", GOOD if len(good) == len(campaign.judged) else DOUBT),
         *([Paragraph(moved_sentence(campaign.off_since))] if campaign.off_since else []),
-        *map(Paragraph, sentences),
+        *map(Paragraph, outlook_sentences(campaign, tolerance_mm)),
     ]
 
 

@@ -209,8 +209,7 @@ def _change_document(report: ChangeReport) -> dict[str, Any]:
 
 @document.register
 def _series_document(found: SeriesReport) -> dict[str, Any]:
-    told = (series_sentence(found), time_left_sentence(found))
-    return {**vars(found), "explanation": " ".join(filter(None, told))}
+    return {**vars(found), "explanation": f"{series_sentence(found)} {time_left_sentence(found)}".strip()}
 
 
 def watch_document(cell: WatchedCell) -> dict[str, Any]:
