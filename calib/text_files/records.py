@@ -296,8 +296,7 @@ def list_columns(names: Sequence[str], rows: Sequence[list[str]]) -> tuple[list[
         if rows and all(re.fullmatch(_POSITION, row[k]) for row in rows):
             entries = [dict(_ENTRY.findall(row[k])) for row in rows]
             keys = list(dict.fromkeys(key for each in entries for key in each))
-            units = ["mm" if key in "XYZ" else "deg" for key in keys]
-            named = [f"{key} [{unit}]" for key, unit in zip(keys, units, strict=True)]
+            named = [f"{key} [{'mm' if key in 'XYZ' else 'deg'}]" for key in keys]
             more = [
                 [*row[:k], *(each.get(key, "") for key in keys), *row[k + 1 :]]
                 for row, each in zip(rows, entries, strict=True)

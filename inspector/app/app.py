@@ -118,7 +118,10 @@ class App:
         self.contributed: dict[str, TabController] = {
             tab.name: load(tab.controller)(page, panels.contributed[tab.name]) for tab in CONTRIBUTED if tab.controller
         }
-        self._watches = [Watch(lambda: user_effects.version, self.effects), Watch(self._files, self._files_changed)]
+        self._watches = [
+            Watch(lambda: user_effects.version, self.effects),
+            Watch(self._files, lambda: self.worker.submit("files", self._follow_files)),
+        ]
         self.imports = Imports(
             server, data, panels.own_data, self.worker, on_made=self._imported, on_session=self._open_session
         )
@@ -193,9 +196,6 @@ class App:
         described = [self._folders[name] / file for file in ("dataset.toml", "robot.toml")] if name else []
         times = {path: path.stat().st_mtime_ns for path in described if path.is_file()}
         return listed_folders(self._root, self._data), (name, times)
-
-    def _files_changed(self) -> None:
-        self.worker.submit("files", self._follow_files)
 
     def _follow_files(self) -> None:
         """List datasets that are new, and read the one on show again where what describes it has changed."""
