@@ -38,7 +38,6 @@ from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations, conditions_at
 from calib.fitting.pose_residuals import PoseResiduals
-from calib.fitting.position_residuals import PositionResiduals
 from calib.frames import apply, make_transform, skew
 from calib.identifiability.structural import structural_rank
 from calib.options import FitOptions
@@ -71,8 +70,8 @@ def held_out(dataset: Dataset, truth: Truth, seat: NDArray, kind: str, seed: int
     """Directions known, place error in mm and attitude error in rad of one fit."""
     result = calibrate(dataset, FitOptions(kind))
     model, x, observed = result.model, result.fit.x, Observations.of(dataset)
-    placed = PoseResiduals(model, observed).frames_and_seat(x)
-    frames = PositionResiduals(model, observed).scanner_frames(x) if kind == "position" else placed.scanner_T_base
+    placed = PoseResiduals(model, observed).frames_and_hand_eye(x)
+    frames = result.after.scanner_T_base if kind == "position" else placed.scanner_T_base
     (scanner_T_base,) = frames.values()
     q = random_q(dataset.robot, 200, np.random.default_rng([seed, 77]))
     true = scanner_T_target(truth, q) @ make_transform(seat, np.zeros(3))

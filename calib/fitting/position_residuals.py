@@ -37,11 +37,6 @@ class PositionResiduals(ObservedResiduals):
         points_mm = self.observed.points.xyz_mm
         return sum(self._frame_basis(points_mm[rows], rows).shape[1] for rows in self._setup_rows)
 
-    def scanner_frames(self, x: Array) -> dict[str, Array]:
-        """Transform scanner_T_base (4, 4) of each setup at x (P,)."""
-        base_mm = predict_points(self.model, x, self.observed)
-        return {str(self.observed.setup[rows[0]]): self._frame(base_mm, rows) for rows in self._setup_rows}
-
     def _frame(self, base_mm: Array, rows: IndexArray) -> Array:
         if self.frame_known:
             return np.eye(4)

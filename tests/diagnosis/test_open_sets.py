@@ -13,7 +13,6 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import are_equivalent, can_stand_for, rank_candidates
 from calib.diagnosis.verdict import ConfoundedSet
 from calib.effects.catalogue import effects_for
-from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset
 from tests.support.findings import concluded
@@ -43,8 +42,7 @@ def simulated(
 def with_turning_error(dataset: Dataset, amplitude_rad: float) -> Dataset:
     """The last joint off once a turn, by the chain rule of one rotation: no code of the effects."""
     points = dataset.points
-    residuals = project_residual(calibrate(dataset)).residuals
-    frame = residuals.scanner_frames(np.zeros(len(residuals.model.parameters)))[""]
+    frame = calibrate(dataset).before.scanner_T_base[""]
     poses = dataset.poses.q[points.pose]
     from calib.kinematics.chain import forward
 

@@ -25,7 +25,6 @@ from calib.fitting.observations import nominal_state
 from calib.kinematics.chain import target_jacobian
 from calib.present.diagnosis.candidates import candidate_blocks
 from calib.rendering.text import block_text
-from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT
@@ -71,7 +70,7 @@ def hidden() -> Dataset:
     simulation = simulate_dataset("rb5", rng=6, poses=80, noise_mm=0.05, conditions=True)
     dataset = simulation.dataset
     q = dataset.poses.q[dataset.points.pose]
-    base_to_scanner = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""][:3, :3]
+    base_to_scanner = calibrate(dataset).before.scanner_T_base[""][:3, :3]
     column = dataset.robot.parameter_names.index("theta3")
     moved = target_jacobian(dataset.robot, q)[..., column] * (5e-4 * np.sin(23 * q[:, 2]))[:, None]
     return with_xyz(dataset, dataset.points.xyz_mm + moved @ base_to_scanner.T)
