@@ -13,7 +13,6 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.kinematics.chain import target_jacobian
-from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 
 HIDDEN = "transmission_error"
@@ -44,8 +43,7 @@ def arm(seed: int, *effects: tuple[str, float], robot: str = "rb5") -> Dataset:
 def with_joint_errors(dataset: Dataset, errors_rad: Mapping[int, Array]) -> Dataset:
     """The dataset with joints, counted from 0, off by (M,) at each point, by the nominal arm's derivative alone."""
     points = dataset.points
-    residuals = project_residual(calibrate(dataset)).residuals
-    frame = residuals.scanner_frames(np.zeros(len(residuals.model.parameters)))[""]
+    frame = calibrate(dataset).before.scanner_T_base[""]
     by_entry = target_jacobian(dataset.robot, dataset.poses.q[points.pose])
     moved_mm = np.zeros_like(points.xyz_mm)
     for joint, error_rad in errors_rad.items():
