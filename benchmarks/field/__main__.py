@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
 import causes  # noqa: E402
-import hand_eye  # noqa: E402
+import hand_eye_track  # noqa: E402
 from arms import SETS, FieldSet, problem_of  # noqa: E402
 from problem import Answer, judged  # noqa: E402
 from told import write_page  # noqa: E402
@@ -138,7 +138,7 @@ def main() -> None:
         python = interpreter(Tool("KinHEC", "kinhec", ("kinhec",)), cache)
         if isinstance(python, RuntimeError):
             sys.exit(f"kinhec {python}")
-        for one in hand_eye.records(python, cache, options.jobs):
+        for one in hand_eye_track.records(python, cache, options.jobs):
             record("hand-eye", str(one["tool"]), str(one["set"]), one)
     write_page(RECORDS)
 
