@@ -35,7 +35,7 @@ def write_page(records: Path) -> None:
         "",
         "What calibration tools reach on the same measurements of arms, on splits that are frozen, by one judge: "
         "`.venv/bin/python benchmarks/field` writes this page and its picture from `benchmarks/field/records`. "
-        "[How to add a tool or a set](https://github.com/robot-calibration-inspector/inspector/tree/main/benchmarks/field).",
+        "`benchmarks/field/README.md` tells how to add a tool or a set.",
         "",
         *_arms(arms),
         *_causes([one for one in found if one["track"] == "causes"]),
