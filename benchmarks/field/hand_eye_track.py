@@ -58,11 +58,8 @@ def _in_mm(transform: Array) -> Array:
 def by_opencv(sequence: Sequence, method: str) -> Array:
     """X by one of OpenCV's methods."""
     flange, seen, _, on_flange = sequence
-    moved = flange if on_flange else frames.invert(flange)
-    target = seen if on_flange else frames.invert(seen)
-    if not on_flange:  # the board is on the flange, the camera stands: A X = Z B with the roles of the two exchanged
-        moved, target = flange, frames.invert(seen)
-    parts = [list(each) for each in (moved[:, :3, :3], moved[:, :3, 3], target[:, :3, :3], target[:, :3, 3])]
+    target = seen if on_flange else frames.invert(seen)  # where the board is on the flange, it takes the camera's part
+    parts = [list(each) for each in (flange[:, :3, :3], flange[:, :3, 3], target[:, :3, :3], target[:, :3, 3])]
     turn, shift = cv2.calibrateHandEye(*parts, method=getattr(cv2, f"CALIB_HAND_EYE_{method}"))
     return frames.make_transform(turn, shift.ravel())
 

@@ -1,8 +1,8 @@
 """pybotics: its OptimizationHandler under scipy's least_squares, as in the project's example notebook, scaled.
 
-The notebook's call has no scales, which mm and rad side by side ask for: with `x_scale="jac"` its held-out error is
-never worse, so that it is what is compared. The package knows one base frame; several places are brought into it by
-their best motion at every step.
+The notebook's call has no scales, which mm and rad side by side ask for; it is compared with `x_scale="jac"`, to the
+package's advantage. The package knows one base frame; several places are brought into it by their best motion
+at every step.
 """
 
 from __future__ import annotations
